@@ -132,6 +132,7 @@ void relight_put_picture(struct request_parts *parts, const struct relight_pictu
     m->exposure_ev = picture->exposure_ev;
     m->samples = picture->samples;
     m->no_specular = picture->no_specular;
+    m->transparent = picture->transparent;
     if (picture->plain_background) {
         m->plain_background = 1;
         parts->background = vec3(picture->background);

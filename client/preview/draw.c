@@ -91,8 +91,9 @@ static int set_camera(struct drawing *d, uint32_t frame)
     struct prt_camera camera = frame_camera(d, frame);
     if (d->visibility) prt_visibility_destroy(d->visibility);
     d->visibility = NULL;
-    return prt_visibility_create(&d->scene->ctx, &d->scene->mesh, &camera, o->width, o->height,
-                                 o->samples, PRT_RASTER_AUTO, &d->visibility)
+    struct prt_raster raster = {o->width, o->height, o->samples, PRT_RASTER_AUTO};
+    return prt_visibility_create(&d->scene->ctx, &d->scene->mesh, &camera, &raster,
+                                 &d->visibility)
                ? EXIT_FAILED
                : EXIT_DONE;
 }
@@ -100,11 +101,12 @@ static int set_camera(struct drawing *d, uint32_t frame)
 static int shade(struct drawing *d, struct prt_image *out)
 {
     const struct options *o = d->scene->options;
+    struct prt_material surface = {.eta = d->scene->eta, .roughness = d->scene->roughness};
     struct prt_shade s = {.n_plane = 4,
                           .planes = d->plane,
-                          .eta = d->scene->eta,
-                          .roughness = d->scene->roughness,
+                          .media = prt_media_one(&surface),
                           .fresnel = true,
+                          .transparent = o->transparent,
                           .specular = d->specular};
     if (!o->plain && d->background.texel) s.background = &d->background;
     s.background_rotate_deg = (float)d->rotate_deg;
@@ -157,9 +159,12 @@ static int keep(struct drawing *d, size_t env, uint32_t frame, const struct prt_
         return save(d->scene, path, image);
     }
     size_t x = (size_t)frame * (o->width + o->gap), y = env * (o->height + o->gap);
-    for (size_t row = 0; row < o->height; row++)
-        memcpy(d->canvas.rgb + 3 * ((y + row) * d->canvas.width + x),
-               image->rgb + 3 * row * o->width, 12 * (size_t)o->width);
+    for (size_t row = 0; row < o->height; row++) {
+        size_t to = (y + row) * d->canvas.width + x, from = row * o->width;
+        memcpy(d->canvas.rgb + 3 * to, image->rgb + 3 * from, 12 * (size_t)o->width);
+        if (image->alpha)
+            memcpy(d->canvas.alpha + to, image->alpha + from, 4 * (size_t)o->width);
+    }
     return EXIT_DONE;
 }
 
@@ -176,7 +181,8 @@ static int make_canvas(struct drawing *d)
         return EXIT_USAGE;
     }
     d->canvas = (struct prt_image){(uint32_t)w, (uint32_t)h, prt_calloc((size_t)(w * h), 12)};
-    return d->canvas.rgb ? EXIT_DONE : EXIT_FAILED;
+    if (o->transparent) d->canvas.alpha = prt_calloc((size_t)(w * h), 4);
+    return d->canvas.rgb && (d->canvas.alpha || !o->transparent) ? EXIT_DONE : EXIT_FAILED;
 }
 
 // One row: the frames of an environment. The colours of the next light are requested before

@@ -43,7 +43,10 @@ static const struct argp_option table[] = {
     {"samples-per-pixel", 'a', "1|2|4|8", 0, "anti-aliasing (default 4)", 0},
     {"no-specular", 'n', NULL, 0, "draw no specular reflection", 0},
     {"no-textures", KEY_NO_TEXTURES, NULL, 0, "leave the model's textures out", 0},
-    {"background", 'B', "R,G,B", 0, "plain background in place of the environment", 0},
+    {"background", 'B', "R,G,B|transparent", 0,
+     "plain background in place of the environment, or none: alpha in PNG (straight colours) and "
+     "EXR (premultiplied)",
+     0},
     {"tone", 'M', "MAP", 0, "filmic (default), reinhard or none", 0},
     {"exposure", 'x', "STOPS", 0, "brighten by a factor 2^STOPS", 0},
     {"quality", 'q', "1..100", 0, "quality of a JPEG (default 90)", 0},
@@ -138,10 +141,14 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
         o->no_textures = true;
         break;
     case 'B':
+        if (!strcmp(arg, "transparent")) {
+            o->transparent = true;
+            break;
+        }
         if (sscanf(arg, "%f,%f,%f%n", o->background, o->background + 1, o->background + 2,
                    &used) != 3 ||
             arg[used])
-            argp_error(state, "--background %s: expected r,g,b", arg);
+            argp_error(state, "--background %s: expected r,g,b or transparent", arg);
         o->plain = true;
         break;
     case 'M':
@@ -208,6 +215,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (!o->model) argp_error(state, "ID is missing");
         if (!o->n_env) argp_error(state, "--env is missing");
         char endings[100];
+        if (o->transparent && o->output && prt_picture_format(o->output) &&
+            !prt_picture_format(o->output)->alpha)
+            argp_error(state, "%s has no alpha: --background transparent is for .png and .exr",
+                       o->output);
         if (!o->output || !prt_picture_format(o->output))
             argp_error(state, "-o FILE has to end in %s", prt_picture_endings(endings));
         break;

@@ -14,7 +14,7 @@ struct options {
     size_t n_env;
     double rotate_deg, timeout_s;
     uint32_t n_frame, width, height, samples, gap;
-    bool turn_light, sheet, json, no_specular, plain, no_textures;
+    bool turn_light, sheet, json, no_specular, plain, no_textures, transparent;
     float background[3], exposure_ev;
     int quality;
     enum prt_tone tone;

@@ -4,6 +4,7 @@
 // 250,000 samples).
 #include "bake/checkpoint.h"
 #include "bake/loops.h"
+#include "bake/run.h"
 #include "bake/work.h"
 
 #include <math.h>
@@ -193,29 +194,24 @@ void prt_half_rows_finish(struct half_rows *rows)
 }
 
 struct pass_one {
-    const struct prt_scene *scene;
-    const struct prt_surface_points *surface;
-    const struct hierarchy *h;
-    const struct directions *d;
-    const struct fresnel_table *fresnel;
+    struct irradiance_source from;
+    struct fresnel_table *fresnel; // [media->n]
     struct horizon *horizon;       // or NULL: every ray is cast
-    struct checkpoint *checkpoint; // or NULL
     struct half_rows *rows;
-    struct work_meters *work;
     atomic_uint_fast64_t rays;
 };
 
 // The horizon of the triangle of sample s. False where there is none.
 static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view *view)
 {
-    float eps = prt_scene_epsilon(p->scene), from[3], down[3], t, u, v;
+    float eps = prt_scene_epsilon(p->from.scene), from[3], down[3], t, u, v;
     uint32_t triangle;
     for (int k = 0; k < 3; k++) {
-        from[k] = p->surface->position[s][k] + eps * p->surface->face_normal[s][k];
-        down[k] = -p->surface->face_normal[s][k];
+        from[k] = p->from.surface->position[s][k] + eps * p->from.surface->face_normal[s][k];
+        down[k] = -p->from.surface->face_normal[s][k];
     }
     if (!p->horizon ||
-        !prt_scene_intersect(p->scene, from, down, 0, 2 * eps, &t, &triangle, &u, &v))
+        !prt_scene_intersect(p->from.scene, from, down, 0, 2 * eps, &t, &triangle, &u, &v))
         return false;
     prt_horizon_view(p->horizon, triangle, view);
     return true;
@@ -225,7 +221,7 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct pass_one *p = arg;
     uint64_t rays = 0;
-    if (prt_checkpoint_read_rows(p->checkpoint, p->rows, begin, end - begin, &rays)) {
+    if (prt_checkpoint_read_rows(p->from.checkpoint, p->rows, begin, end - begin, &rays)) {
         atomic_fetch_add(&p->rays, rays);
         return PRT_OK;
     }
@@ -235,39 +231,40 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     if (!row) return PRT_NOMEM;
     struct horizon_view view;
     for (size_t i = begin; i < end; i++) {
-        uint32_t s = p->h->order[i];
+        uint32_t s = p->from.hierarchy->order[i];
         unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
         bool found = horizon_of(p, s, &view);
-        const struct receiver at = {p->surface->position[s], p->surface->normal[s],
-                                    p->surface->face_normal[s]};
-        rays += prt_irradiance_row(p->scene, p->d, pattern, p->fresnel, &at,
-                                   found ? &view : NULL, row);
-        for (size_t k = 0; p->surface->tint && k < p->rows->n_coef; k++)
-            row[k] *= p->surface->tint[s];
+        const struct receiver at = {p->from.surface->position[s], p->from.surface->normal[s],
+                                    p->from.surface->face_normal[s]};
+        const uint32_t medium = prt_media_index(p->from.media, p->from.surface->object[s]);
+        rays += prt_irradiance_row(p->from.scene, p->from.directions, pattern,
+                                   &p->fresnel[medium], &at, found ? &view : NULL, row);
+        for (size_t k = 0; p->from.surface->tint && k < p->rows->n_coef; k++)
+            row[k] *= p->from.surface->tint[s];
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
-    prt_checkpoint_write_rows(p->checkpoint, p->rows, begin, end - begin, rays);
+    prt_checkpoint_write_rows(p->from.checkpoint, p->rows, begin, end - begin, rays);
     atomic_fetch_add(&p->rays, rays);
     prt_free(row);
-    prt_work_end(p->work, WORK_IRRADIANCE, started, rays, 0);
+    prt_work_end(p->from.work, WORK_IRRADIANCE, started, rays, 0);
     return PRT_OK;
 }
 
 // The area-weighted mean of a node: of its children's rows, or of a leaf's samples.
 static void average_node(struct pass_one *p, uint32_t at, float *row, float *child)
 {
-    const struct node *node = &p->h->node[at];
-    size_t n = p->rows->n_coef, n_sample = p->surface->n_sample;
+    const struct node *node = &p->from.hierarchy->node[at];
+    size_t n = p->rows->n_coef, n_sample = p->from.surface->n_sample;
     memset(row, 0, n * sizeof *row);
     if (!node->child[0]) {
         for (uint32_t i = node->begin; i < node->begin + node->count; i++) {
-            float w = p->surface->area[p->h->order[i]] / node->area;
+            float w = p->from.surface->area[p->from.hierarchy->order[i]] / node->area;
             prt_f16_to_f32_array(p->rows->half + i * n, n, child);
             for (size_t k = 0; k < n; k++) row[k] += w * child[k];
         }
     } else {
         for (int c = 0; c < 2; c++) {
-            float w = p->h->node[node->child[c]].area / node->area;
+            float w = p->from.hierarchy->node[node->child[c]].area / node->area;
             prt_f16_to_f32_array(p->rows->half + (n_sample + node->child[c]) * n, n, child);
             for (size_t k = 0; k < n; k++) row[k] += w * child[k];
         }
@@ -284,56 +281,52 @@ static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
     float *scratch = prt_alloc(2 * p->rows->n_coef, sizeof *scratch);
     if (!scratch) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++)
-        if (!p->h->node[i].child[0])
+        if (!p->from.hierarchy->node[i].child[0])
             average_node(p, (uint32_t)i, scratch, scratch + p->rows->n_coef);
     prt_free(scratch);
-    prt_work_end(p->work, WORK_NODES, started, 0, 0);
+    prt_work_end(p->from.work, WORK_NODES, started, 0, 0);
     return PRT_OK;
 }
 
 // Whether the horizon's rays, one a bin of the upper hemisphere of each vertex, are few beside
 // the samples' own.
-static bool horizon_pays(const struct prt_scene *scene, const struct prt_surface_points *s,
-                         const struct directions *d)
+static bool horizon_pays(const struct irradiance_source *from)
 {
-    double horizon = 0.5 * 6 * HORIZON_WIDE * HORIZON_WIDE * prt_scene_mesh(scene)->n_vertex;
-    double samples = 0.5 * SUBS * d->n_coef * (double)s->n_sample;
+    const struct directions *d = from->directions;
+    double vertices = prt_scene_mesh(from->scene)->n_vertex, n_sample = from->surface->n_sample;
+    double horizon = 0.5 * 6 * HORIZON_WIDE * HORIZON_WIDE * vertices;
+    double samples = 0.5 * SUBS * d->n_coef * n_sample;
     return horizon < 0.5 * samples * (d->faint < 1 ? 1 : 1.0 / SUBS);
 }
 
-int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
-                        const struct prt_surface_points *surface, const struct hierarchy *h,
-                        const struct directions *d, double eta, size_t room,
-                        struct checkpoint *checkpoint, struct work_meters *work,
+int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_source *from,
                         struct half_rows *out, uint64_t *rays)
 {
-    struct fresnel_table fresnel;
-    prt_fresnel_table_init(&fresnel, eta);
+    struct pass_one p = {.from = *from, .rows = out};
+    const struct hierarchy *h = from->hierarchy;
+    uint32_t n_sample = from->surface->n_sample, n_coef = from->directions->n_coef;
     int status =
-        prt_half_rows_create(ctx, (size_t)surface->n_sample + h->n_node, d->n_coef, room, out);
+        prt_half_rows_create(ctx, (size_t)n_sample + h->n_node, n_coef, from->room, out);
     if (status) return status;
-    struct pass_one p = {.scene = scene,
-                         .surface = surface,
-                         .h = h,
-                         .d = d,
-                         .fresnel = &fresnel,
-                         .checkpoint = checkpoint,
-                         .work = work,
-                         .rows = out};
-    if (horizon_pays(scene, surface, d))
-        (void)prt_horizon_create(scene, &p.horizon); // without memory for it every ray is cast
-    status = prt_parallel_for(ctx, "irradiance", surface->n_sample, 64, pass_one_range, &p);
+    p.fresnel = prt_bake_fresnel(from->media);
+    if (!p.fresnel) {
+        prt_half_rows_finish(out);
+        return PRT_NOMEM;
+    }
+    if (horizon_pays(from)) // without memory for it every ray is cast
+        (void)prt_horizon_create(from->scene, &p.horizon);
+    status = prt_parallel_for(ctx, "irradiance", n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);
     uint64_t started = prt_work_begin();
-    float *scratch =
-        status == PRT_OK ? prt_alloc(2 * (size_t)d->n_coef, sizeof *scratch) : NULL;
+    float *scratch = status == PRT_OK ? prt_alloc(2 * (size_t)n_coef, sizeof *scratch) : NULL;
     if (status == PRT_OK && !scratch) status = PRT_NOMEM;
     for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;)
-        if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + d->n_coef);
+        if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + n_coef);
     prt_free(scratch);
-    prt_work_end(work, WORK_NODES, started, 0, 0);
+    prt_work_end(from->work, WORK_NODES, started, 0, 0);
     prt_horizon_destroy(p.horizon);
+    prt_free(p.fresnel);
     *rays = atomic_load(&p.rays);
     if (status) prt_half_rows_finish(out);
     return status;

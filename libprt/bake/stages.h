@@ -98,13 +98,21 @@ uint64_t prt_hierarchy_most_nodes(uint32_t n_sample, uint32_t n_object);
 int prt_hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
 void prt_hierarchy_destroy(struct hierarchy *h);
 
+/* What pass 1 computes from. */
+struct irradiance_source {
+    const struct prt_scene *scene;
+    const struct prt_surface_points *surface;
+    const struct hierarchy *hierarchy;
+    const struct directions *directions;
+    struct checkpoint *checkpoint; /* or NULL */
+    struct work_meters *work;      /* or NULL */
+    const struct prt_media *media; /* whose eta each object has */
+    size_t room;                   /* bytes of memory for the rows (prt_half_rows_create) */
+};
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
- * the number of rays cast. Pieces that the checkpoint (or NULL) has are read, others are
- * recorded there. Reports "irradiance" and "hierarchy" as progress. */
-int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
-                        const struct prt_surface_points *surface, const struct hierarchy *h,
-                        const struct directions *d, double eta, size_t room,
-                        struct checkpoint *checkpoint, struct work_meters *work,
+ * the number of rays cast. Pieces that the checkpoint has are read, others are recorded there.
+ * Reports "irradiance" and "hierarchy" as progress. */
+int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_source *from,
                         struct half_rows *out, uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
@@ -348,7 +356,8 @@ struct single_plan {
 
     struct work_meters *work; /* or NULL */
 
-    struct horizon *horizon; /* saves shadow rays; NULL without memory for it */
+    struct horizon *horizon; /* saves shadow rays; NULL without memory for it. A plan that has
+                                one before prt_single_plan_depths keeps it */
     uint32_t n_node;         /* depths traced */
     float first_mm, last_mm; /* least and greatest depth */
     float inward_mm;         /* reach of rays through the body */

@@ -9,6 +9,7 @@ void prt_image_finish(struct prt_image *image)
 {
     if (!image) return;
     prt_free(image->rgb);
+    prt_free(image->alpha);
     memset(image, 0, sizeof *image);
 }
 

@@ -35,12 +35,12 @@ static void ignore_message(exr_const_context_t file, exr_result_t code, const ch
 static exr_result_t write_header(exr_context_t file, int *part, const struct prt_image *im,
                                  bool full_float, int envmap)
 {
-    static const char *const names[3] = {"B", "G", "R"};
+    static const char *const names[4] = {"A", "B", "G", "R"}; // in the format's order
     exr_result_t code = exr_add_part(file, "rgb", EXR_STORAGE_SCANLINE, part);
     if (code == EXR_ERR_SUCCESS)
         code = exr_initialize_required_attr_simple(file, *part, (int32_t)im->width,
                                                    (int32_t)im->height, EXR_COMPRESSION_ZIP);
-    for (int c = 0; code == EXR_ERR_SUCCESS && c < 3; c++)
+    for (int c = im->alpha ? 0 : 1; code == EXR_ERR_SUCCESS && c < 4; c++)
         code = exr_add_channel(file, *part, names[c],
                                full_float ? EXR_PIXEL_FLOAT : EXR_PIXEL_HALF,
                                EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
@@ -65,14 +65,18 @@ static exr_result_t write_chunks(exr_context_t file, int part, const struct prt_
         if (code != EXR_ERR_SUCCESS) break;
         for (int c = 0; c < pipe.channel_count; c++) {
             exr_coding_channel_info_t *ch = &pipe.channels[c];
+            const bool alpha = ch->channel_name[0] == 'A';
+            const size_t n_value = alpha ? 1 : 3;
             const int from = ch->channel_name[0] == 'R'   ? 0
                              : ch->channel_name[0] == 'G' ? 1
                                                           : 2;
+            const float *row = alpha ? im->alpha + (size_t)y * im->width
+                                     : im->rgb + (size_t)y * im->width * 3 + from;
             ch->user_bytes_per_element = sizeof(float);
             ch->user_data_type = EXR_PIXEL_FLOAT;
-            ch->user_pixel_stride = 3 * sizeof(float);
-            ch->user_line_stride = (int32_t)(im->width * 3 * sizeof(float));
-            ch->encode_from_ptr = (const uint8_t *)(im->rgb + (size_t)y * im->width * 3 + from);
+            ch->user_pixel_stride = (int32_t)(n_value * sizeof(float));
+            ch->user_line_stride = (int32_t)(im->width * n_value * sizeof(float));
+            ch->encode_from_ptr = (const uint8_t *)row;
         }
         if (!started) code = exr_encoding_choose_default_routines(file, part, &pipe);
         started = true;
@@ -95,7 +99,7 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
         return prt_fail(ctx, PRT_ARG, "EXR of %u x %u: allowed are 1 to %d pixels a side",
                         image->width, image->height, PRT_IMAGE_MAX);
     const size_t count = (size_t)image->width * image->height * 3;
-    struct prt_image copy = {image->width, image->height, NULL};
+    struct prt_image copy = {image->width, image->height, NULL, image->alpha};
     if (!full_float) { /* the largest half, not infinity */
         copy.rgb = prt_alloc(count, sizeof(float));
         if (!copy.rgb) return prt_fail(ctx, PRT_NOMEM, "no memory for an EXR");

@@ -203,6 +203,7 @@ int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t 
 {
     const int err = prt_image_check(ctx, name, width, height);
     if (err) return err;
+    out->alpha = NULL;
     out->rgb = prt_alloc(pixel_bytes(width, height) + PRT_IMAGE_TAIL, 1);
     if (!out->rgb)
         return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %llu x %llu pixels", name,

@@ -28,7 +28,7 @@ static const struct prt_material presets[] = {
     MEDIUM("spectralon", 11.6f, 20.4f, 14.9f, 0, 0, 0, 1.3f),
     MEDIUM("wholemilk", 2.55f, 3.21f, 3.77f, 0.0011f, 0.0024f, 0.014f, 1.3f),
 };
-enum { N_PRESET = sizeof presets / sizeof presets[0] };
+enum { N_PRESET = sizeof presets / sizeof presets[0], MOST_NAMED = N_PRESET + 64 };
 
 const struct prt_material *prt_material_preset(unsigned index)
 {
@@ -37,10 +37,16 @@ const struct prt_material *prt_material_preset(unsigned index)
 
 const struct prt_material *prt_material_preset_named(const char *name, char *remedy, size_t n)
 {
-    const char *list[N_PRESET];
-    for (int i = 0; i < N_PRESET; i++) list[i] = presets[i].name;
+    const char *list[MOST_NAMED];
+    unsigned count = 0;
+    for (; count < N_PRESET; count++) list[count] = presets[count].name;
+    const struct prt_material *m;
     int found = prt_name_choose(name, list, N_PRESET, remedy, n);
-    return found < 0 ? NULL : &presets[found];
+    if (found >= 0 || strstr(remedy, "several")) return found < 0 ? NULL : &presets[found];
+    for (; (m = prt_material_named_medium(count - N_PRESET)) && count < MOST_NAMED; count++)
+        list[count] = m->name;
+    found = prt_name_choose(name, list, count, remedy, n);
+    return found < 0 ? NULL : prt_material_named_medium((unsigned)found - N_PRESET);
 }
 
 int prt_material_range(const struct prt_context *ctx, const char *what,
@@ -120,7 +126,7 @@ int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
                       struct prt_material *out)
 {
     bool text = name_or_file[strspn(name_or_file, " \t\r\n")] == '{';
-    bool file = text || !access(name_or_file, F_OK);
+    bool file = text || !access(name_or_file, F_OK) || prt_material_is_foreign(name_or_file);
     char remedy[160];
     const struct prt_material *preset =
         prt_material_preset_named(name_or_file, remedy, sizeof remedy);

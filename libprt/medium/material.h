@@ -15,6 +15,7 @@ enum { MATERIAL_MAX_BYTES = 1 << 16 }; /* of JSON; a curve of 4 x 256 points tak
     5000.0 /* mm^-1: shorter steps than any surface sampling resolves */
 #define MATERIAL_MAX_G 0.95
 #define MATERIAL_MIN_ROUGHNESS 0.01
+#define MEDIUM_LEAST_ROUGHNESS 0.0100001 /* the same, also after rounding to float */
 
 /* A material in doubles, so that a message shows the number that the user gave (1e39). */
 struct material_values {

@@ -124,8 +124,14 @@ int prt_optics_load(const struct prt_context *ctx, const char *name_or_file,
     int err;
     if (name_or_file[strspn(name_or_file, " \t\r\n")] == '{')
         return prt_optics_parse(ctx, "material", "", name_or_file, strlen(name_or_file), out);
-    if (is_preset(name_or_file) || access(name_or_file, F_OK)) {
+    bool foreign = prt_material_is_foreign(name_or_file);
+    if (!foreign && (is_preset(name_or_file) || access(name_or_file, F_OK))) {
         if ((err = prt_material_load(ctx, name_or_file, &material)) < 0) return err;
+        from_material(&material, out);
+        return PRT_OK;
+    }
+    if (foreign) {
+        if ((err = prt_material_load_foreign(ctx, name_or_file, &material)) < 0) return err;
         from_material(&material, out);
         return PRT_OK;
     }

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 // Reads the medium of a glTF material from its extensions KHR_materials_volume, _transmission,
-// _diffuse_transmission, _volume_scatter and the draft _scatter. Numbers out of range count as
-// absent.
+// _diffuse_transmission, _volume_scatter and the draft _scatter, and KHR_materials_specular as
+// an index of refraction. Numbers out of range count as absent.
 #include "gltf.h"
 
 #include <cjson/cJSON.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 static const cJSON *member(const cJSON *object, const char *key)
@@ -32,6 +33,47 @@ static bool color_of(const cJSON *object, const char *key, float out[3])
     return true;
 }
 
+// The index whose reflection at normal incidence is specularFactor times that of the
+// material's own; a colour of the reflection counts by its mean.
+static void apply_specular(const cJSON *specular, struct prt_surface *s)
+{
+    float color[3] = {1, 1, 1}, factor = number_in(specular, "specularFactor", 0, 1, 1);
+    color_of(specular, "specularColorFactor", color);
+    float root = (s->ior - 1) / (s->ior + 1);
+    root *= sqrtf(factor * (color[0] + color[1] + color[2]) / 3);
+    s->ior = (1 + root) / (1 - root);
+}
+
+// Names the extensions that neither the medium nor the surface keeps.
+static void warn_lost(const struct gltf *g, const cJSON *ext, const char *name)
+{
+    static const char *const kept[] = {"KHR_materials_volume",
+                                       "KHR_materials_transmission",
+                                       "KHR_materials_ior",
+                                       "KHR_materials_scatter",
+                                       "KHR_materials_volume_scatter",
+                                       "KHR_materials_specular",
+                                       "KHR_materials_diffuse_transmission",
+                                       "KHR_materials_emissive_strength"};
+    char lost[256] = "";
+    for (const cJSON *e = ext ? ext->child : NULL; e; e = e->next) {
+        bool known = !e->string || strncmp(e->string, "KHR_materials_", 14) != 0;
+        for (size_t i = 0; !known && i < sizeof kept / sizeof *kept; i++)
+            known = !strcmp(e->string, kept[i]);
+        size_t n = strlen(lost);
+        if (!known) snprintf(lost + n, sizeof lost - n, "%s%s", n ? ", " : "", e->string + 14);
+    }
+    if (lost[0])
+        prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: material \"%s\": a medium has no %s: left out",
+                g->d->name, name, lost);
+    float share =
+        number_in(member(ext, "KHR_materials_transmission"), "transmissionFactor", 0, 1, 1);
+    if (share < 1 && !member(ext, "KHR_materials_diffuse_transmission"))
+        prt_log(g->d->ctx, PRT_LOG_WARNING,
+                "%s: material \"%s\": the %.0f %% of it that do not transmit are left out",
+                g->d->name, name, 100 * (1 - (double)share));
+}
+
 int prt_gltf_volume(struct gltf *g, size_t material, uint32_t surface)
 {
     const cJSON *m = cJSON_GetArrayItem(member(g->json, "materials"), (int)material);
@@ -40,7 +82,10 @@ int prt_gltf_volume(struct gltf *g, size_t material, uint32_t surface)
     const cJSON *diffuse = member(ext, "KHR_materials_diffuse_transmission");
     const cJSON *scatter = member(ext, "KHR_materials_scatter");
     if (!scatter) scatter = member(ext, "KHR_materials_volume_scatter");
+    const cJSON *specular = member(ext, "KHR_materials_specular");
+    if (specular) apply_specular(specular, &g->d->surface[surface]);
     if (!volume && !diffuse && !scatter) return PRT_OK;
+    if (g->d->surface[surface].translucent) warn_lost(g, ext, g->d->surface[surface].name);
     struct prt_volume *v = prt_draft_volume(g->d, surface);
     if (!v) return prt_gltf_no_memory(g);
     *v = (struct prt_volume){.kind = PRT_VOLUME_ATTENUATION, .color = {1, 1, 1}};
@@ -50,7 +95,8 @@ int prt_gltf_volume(struct gltf *g, size_t material, uint32_t surface)
     if (diffuse) color_of(diffuse, "diffuseTransmissionColorFactor", v->albedo);
     if (scatter) {
         v->kind = PRT_VOLUME_SCATTER;
-        color_of(scatter, "multiscatterColor", v->albedo);
+        if (!color_of(scatter, "multiscatterColor", v->albedo)) // of the first proposal
+            color_of(scatter, "multiscatterColorFactor", v->albedo);
         v->g = number_in(scatter, "scatterAnisotropy", -0.95, 0.95, 0);
     }
     return PRT_OK;

@@ -2,6 +2,7 @@
 // The table of picture formats.
 #include "prt/picture.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -16,6 +17,33 @@ static int encode_hdr(const struct prt_context *ctx, const struct prt_image *ima
                       const struct prt_picture_options *options, struct prt_blob *out)
 {
     return prt_encode_hdr(ctx, image, out);
+}
+
+// Straight colours and alpha from premultiplied ones, as PNG has them. Tone curves apply to the
+// straight colour.
+static int encode_alpha(const struct prt_context *ctx, const struct prt_image *image,
+                        const struct prt_picture_options *options, struct prt_blob *out)
+{
+    const size_t n = (size_t)image->width * image->height;
+    struct prt_image straight = {image->width, image->height, prt_alloc(n, 12), NULL};
+    uint8_t *rgb8 = prt_alloc(n, 3), *rgba8 = prt_alloc(n, 4);
+    int status = straight.rgb && rgb8 && rgba8
+                     ? PRT_OK
+                     : prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels",
+                                image->width, image->height);
+    for (size_t i = 0; !status && i < 3 * n; i++)
+        straight.rgb[i] = image->rgb[i] / fmaxf(image->alpha[i / 3], 1e-4f);
+    if (!status)
+        status = prt_tone_map(ctx, &straight, options->tone, options->exposure_ev, rgb8);
+    for (size_t i = 0; !status && i < n; i++) {
+        memcpy(rgba8 + 4 * i, rgb8 + 3 * i, 3);
+        rgba8[4 * i + 3] = (uint8_t)(255 * fminf(fmaxf(image->alpha[i], 0), 1) + 0.5f);
+    }
+    if (!status) status = prt_encode_png(ctx, rgba8, image->width, image->height, 4, out);
+    prt_image_finish(&straight);
+    prt_free(rgb8);
+    prt_free(rgba8);
+    return status;
 }
 
 static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image,
@@ -38,7 +66,8 @@ static int encode_8bit(const struct prt_context *ctx, const struct prt_image *im
 static int encode_png(const struct prt_context *ctx, const struct prt_image *image,
                       const struct prt_picture_options *options, struct prt_blob *out)
 {
-    return encode_8bit(ctx, image, options, false, out);
+    return image->alpha ? encode_alpha(ctx, image, options, out)
+                        : encode_8bit(ctx, image, options, false, out);
 }
 
 static int encode_jpeg(const struct prt_context *ctx, const struct prt_image *image,
@@ -47,10 +76,10 @@ static int encode_jpeg(const struct prt_context *ctx, const struct prt_image *im
     return encode_8bit(ctx, image, options, true, out);
 }
 
-static const struct prt_picture_format formats[] = {{"exr", NULL, true, encode_exr},
-                                                    {"hdr", NULL, true, encode_hdr},
-                                                    {"png", NULL, false, encode_png},
-                                                    {"jpg", "jpeg", false, encode_jpeg}};
+static const struct prt_picture_format formats[] = {{"exr", NULL, true, true, encode_exr},
+                                                    {"hdr", NULL, true, false, encode_hdr},
+                                                    {"png", NULL, false, true, encode_png},
+                                                    {"jpg", "jpeg", false, false, encode_jpeg}};
 enum { N_FORMAT = sizeof formats / sizeof *formats };
 
 const struct prt_picture_format *prt_picture_format(const char *name)

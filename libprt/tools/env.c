@@ -86,6 +86,7 @@ static int lay_out(const struct prt_context *ctx, const struct prt_cube *cube,
                    const struct layout *layout, struct prt_image *out)
 {
     uint32_t n = cube->n, width = n * layout->columns, height = n * layout->rows;
+    out->alpha = NULL;
     out->rgb = prt_calloc((size_t)width * height, 3 * sizeof *out->rgb);
     if (!out->rgb) return prt_fail(ctx, PRT_NOMEM, "no memory for %ux%u pixels", width, height);
     out->width = width;

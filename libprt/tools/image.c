@@ -2,6 +2,7 @@
 // prt image: a lit model drawn from a camera.
 #include "maps.h"
 #include "tool.h"
+#include "terminal.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
 
@@ -10,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { MAX_LINE = 512 }; // of a message
 
@@ -24,7 +26,9 @@ struct picture {
     struct prt_specular *specular;
     float *planes;
     unsigned n_plane;
-    bool plain; // a plain background
+    bool plain; // a plain background, or none
+    bool transparent;
+    float *shadow; // of --floor
     float background[3];
     struct prt_image image;
     double lost;    // error of the .prt's radial bases for the material
@@ -38,6 +42,7 @@ static void picture_finish(struct picture *p)
 {
     maps_finish(&p->maps);
     prt_image_finish(&p->image);
+    prt_free(p->shadow);
     prt_free(p->planes);
     prt_specular_destroy(p->specular);
     prt_visibility_destroy(p->visibility);
@@ -83,8 +88,12 @@ static int check_usage(struct tool *tool, struct picture *p)
 {
     const struct options *o = &tool->opt;
     int status;
+    if (o->n_input > 1 && (o->out || !is_terminal_path(o->input[1])))
+        return usage_error(o, "%s: one SOURCE, and - or -o OUT", o->input[1]);
+    if (o->n_input > 1) tool->opt.out = o->input[1];
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
+    if (!is_terminal_path(o->out) && !prt_picture_format(o->out))
+        return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
     if ((o->camera || o->orbit) && o->eye.set)
         return usage_error(o, "--%s says where the eye is: leave --eye out",
@@ -98,15 +107,24 @@ static int check_usage(struct tool *tool, struct picture *p)
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
     if (o->background && !strcmp(o->background, "none")) {
         p->plain = true;
+    } else if (o->background && !strcmp(o->background, "transparent")) {
+        p->plain = p->transparent = true;
+        if (is_terminal_path(o->out) || !prt_picture_format(o->out)->alpha)
+            return usage_error(
+                o, "%s has no alpha: --background transparent is for .png and .exr", o->out);
     } else if (o->background && strcmp(o->background, "env")) {
         p->plain = true;
         if (!parse_vector(o->background, p->background) || p->background[0] < 0 ||
             p->background[1] < 0 || p->background[2] < 0)
             return usage_error(o,
-                               "--background %s: expected env, none, or three radiances R,G,B "
-                               ">= 0",
+                               "--background %s: expected env, none, transparent, or three "
+                               "radiances R,G,B >= 0",
                                o->background);
     }
+    if (o->floor && o->background && !strcmp(o->background, "none"))
+        return usage_error(o,
+                           "--floor casts its shadow on the background: --background none is "
+                           "black already");
     return EXIT_DONE;
 }
 
@@ -176,9 +194,9 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     struct prt_query query = {
         .term = answer_term(term),
         .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
-        .material = p->source.material_given ? &p->source.material : NULL,
         .exit = exit_option(&tool->opt),
     };
+    if (p->source.media_given) query.media = p->source.media;
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
     if (status) return tool_exit(tool, status);
     p->planes = prt_alloc((size_t)p->n_plane * t->mesh.n_vertex, 3 * sizeof(float));
@@ -197,7 +215,7 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
     options.no_exit = true;
     p->n_plane = 1;
     if (!(p->planes = prt_alloc(n, 3 * sizeof(float)))) return no_memory(tool);
-    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.material,
+    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.media,
                                                 &p->light, &options, (float(*)[3])p->planes));
 }
 
@@ -232,13 +250,14 @@ static struct prt_shade shade_of(const struct picture *p, bool total, enum prt_e
     struct prt_shade shade = {
         .n_plane = p->n_plane,
         .planes = p->planes,
-        .eta = p->source.material.eta,
-        .roughness = p->source.material.roughness,
+        .media = p->source.media,
         .fresnel = total,
         .exit = exit,
         .specular = p->specular,
         .background = p->plain ? NULL : &p->back,
         .leave_out = p->leave_out,
+        .transparent = p->transparent,
+        .shadow = p->shadow,
     };
     memcpy(shade.background_rgb, p->background, sizeof shade.background_rgb);
     return shade;
@@ -269,12 +288,12 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     struct prt_screen *screen;
     int status = prt_screen_engine_parse(engine, &options.engine);
     if (status) return tool_exit(tool, status);
-    if ((status = maps_load(tool, p->source.mesh, &p->source.material, &p->maps, &options)))
+    if ((status = maps_load(tool, p->source.mesh, &p->source.media, &p->maps, &options)))
         return status;
     status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
     struct prt_screen_input input = {
-        .visibility = p->visibility, .material = &p->source.material, .cube = &p->light};
+        .visibility = p->visibility, .media = p->source.media, .cube = &p->light};
     status = prt_screen_image(&tool->ctx, screen, &input, &options, &shade_options, &p->image,
                               &p->report);
     prt_screen_destroy(screen);
@@ -316,7 +335,7 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     cJSON_AddNumberToObject(root, "covered", covered);
     cJSON_AddStringToObject(root, "camera", camera);
     cJSON_AddNumberToObject(root, "seconds", seconds);
-    if (p->source.material_given && p->source.transport && !p->on_screen)
+    if (p->source.media_given && p->source.transport && !p->on_screen)
         cJSON_AddNumberToObject(root, "material_error", p->lost);
     if (p->on_screen) add_screen_report(root, &p->report);
     char *text = cJSON_PrintUnformatted(root);
@@ -338,6 +357,11 @@ static int draw(struct tool *tool, struct picture *p)
     const char *term = o->term ? o->term : "total";
     bool total = !strcmp(term, "total");
     uint32_t width = o->width ? o->width : 800, height = o->height ? o->height : 600;
+    if (!o->width && is_terminal_path(o->out)) {
+        struct prt_terminal terminal;
+        prt_terminal_detect(STDOUT_FILENO, &terminal);
+        prt_terminal_fit(&terminal, &width, &height);
+    }
     int status;
     const char *engine = choose_engine(tool, &p->source, &status);
     if (!engine) return status;
@@ -353,16 +377,20 @@ static int draw(struct tool *tool, struct picture *p)
     if ((status = place_camera(tool, p, (float)width / (float)height))) return status;
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
-    status =
-        tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
-                                              height, o->msaa ? (unsigned)o->msaa : 4,
-                                              PRT_RASTER_AUTO, &p->visibility));
+    struct prt_raster raster = {width, height, o->msaa ? (unsigned)o->msaa : 4,
+                                PRT_RASTER_AUTO};
+    status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera,
+                                                   &raster, &p->visibility));
     if (status) return status;
     p->on_screen = !vertex && !reference;
     if (!strcmp(term, "irradiance")) p->leave_out = PRT_LOOK_ALL;
     if (o->no_textures) p->leave_out = PRT_LOOK_ALL;
     if (o->albedo_map) p->leave_out |= PRT_LOOK_BASE;
     if (o->normal_map || o->bump_map) p->leave_out |= PRT_LOOK_NORMAL;
+    if (o->floor)
+        status =
+            prt_floor_shadow(&tool->ctx, p->source.mesh, p->visibility, &p->light, &p->shadow);
+    if (status) return tool_exit(tool, status);
     status = p->on_screen ? draw_on_screen(tool, p, engine, total)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;
@@ -380,8 +408,10 @@ int run_image(struct tool *tool)
 {
     struct picture p = {0};
     int status = check_usage(tool, &p);
-    if (status || (status = check_writable(tool, tool->opt.out))) return status;
-    if ((status = source_open(tool, tool->opt.input[0], true, &p.source))) return status;
+    if (!status && !is_terminal_path(tool->opt.out))
+        status = check_writable(tool, tool->opt.out);
+    if (status) return status;
+    if ((status = source_open(tool, tool->opt.input[0], NULL, &p.source))) return status;
     status = draw(tool, &p);
     picture_finish(&p);
     return status;

@@ -5,8 +5,9 @@
 #include <stdio.h>
 
 static int (*const run[N_COMMAND])(struct tool *) = {
-    [CMD_BAKE] = run_bake, [CMD_COLORS] = run_colors,   [CMD_IMAGE] = run_image,
-    [CMD_INFO] = run_info, [CMD_COMPARE] = run_compare, [CMD_ENV] = run_env,
+    [CMD_BAKE] = run_bake,         [CMD_COLORS] = run_colors,   [CMD_IMAGE] = run_image,
+    [CMD_INFO] = run_info,         [CMD_COMPARE] = run_compare, [CMD_ENV] = run_env,
+    [CMD_MATERIAL] = run_material,
 };
 
 int main(int argc, char **argv)

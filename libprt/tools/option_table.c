@@ -10,7 +10,8 @@ enum {
     INFO = 1 << CMD_INFO,
     COMPARE = 1 << CMD_COMPARE,
     ENV = 1 << CMD_ENV,
-    EVERY = BAKE | COLORS | IMAGE | INFO | COMPARE | ENV,
+    MATERIAL = 1 << CMD_MATERIAL,
+    EVERY = BAKE | COLORS | IMAGE | INFO | COMPARE | ENV | MATERIAL,
     LIGHTS = COLORS | IMAGE | COMPARE,
 };
 
@@ -37,14 +38,20 @@ static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
 
 #define AT(member) offsetof(struct options, member)
 const struct option_row option_table[] = {
-    {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL, BAKE | COLORS | IMAGE | ENV,
-     "file to write; its ending chooses the format"},
-    {"material", 'm', "NAME|FILE", OPTION_TEXT, AT(material), 0, 0, NULL, BAKE | COLORS | IMAGE,
-     "a preset (marble, skin1, …), a JSON file, or JSON text"},
+    {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL,
+     BAKE | COLORS | IMAGE | ENV | MATERIAL, "file to write; its ending chooses the format"},
+    {"material", 'm', "[OBJECT=]NAME|FILE", OPTION_MATERIAL, 0, 0, 0, NULL,
+     BAKE | COLORS | IMAGE | COMPARE,
+     "a preset (marble, skin1, …), a JSON file, JSON text, or a file of another program, FILE or "
+     "FILE#NAME (see prt material --help); OBJECT: the glTF material or node that it is of, "
+     "without it all others; may repeat"},
     {"size-mm", 0, "D", OPTION_REAL, AT(size_mm), 0, 1e6, NULL, BAKE | COLORS | IMAGE,
      "diagonal of the bounding box of the translucent objects, in mm"},
     {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, BAKE | COLORS | IMAGE,
      "millimetres in one unit of the model"},
+    {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, MATERIAL,
+     "millimetres in a unit of length where IN names none (default: MaterialX 10, Principled and "
+     "glTF 1000, pbrt 1)"},
     {"opaque", 0, "NAME", OPTION_OPAQUE, 0, 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
      "a material or node that is opaque; may repeat"},
     {"texture-split", 0, "S", OPTION_SIGNED, AT(texture_split), 0, 1, NULL,
@@ -163,7 +170,10 @@ const struct option_row option_table[] = {
     {"tone", 0, "NAME", OPTION_WORD, AT(tone), 0, 0, tones, IMAGE | ENV,
      "tone map for PNG and JPEG (default filmic)"},
     {"background", 0, "B", OPTION_TEXT, AT(background), 0, 0, NULL, IMAGE,
-     "env (default), none, or R,G,B as linear radiance"},
+     "env (default), none (black), transparent (alpha: EXR with premultiplied colours, PNG with straight "
+     "ones), or R,G,B as linear radiance"},
+    {"floor", 0, NULL, OPTION_FLAG, AT(floor), 0, 0, NULL, IMAGE,
+     "draw the model's shadow on a horizontal plane under it, over the background"},
     {"budget-ms", 0, "MS", OPTION_REAL, AT(budget_ms), 0, 1e7, NULL, IMAGE,
      "image-space engines: time for one picture, in ms"},
     {"albedo-map", 0, "FILE", OPTION_TEXT, AT(albedo_map), 0, 0, NULL, IMAGE,

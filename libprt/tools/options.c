@@ -41,8 +41,12 @@ static const struct {
                     "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"
                     "  prt colors leaf.glb --material marble --size-mm 50 --env studio.exr \\\n"
                     "      --scattering walk --walks 4096 -o leaf.csv\n"},
-    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}",
-                   "light a .prt or a model, and draw it", 1, 1,
+    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}|-",
+                   "light a .prt or a model, and draw it; - draws in the terminal (kitty's\n"
+                   "protocol, sixels or half blocks; $RELIGHT_TERMINAL overrides: kitty,\n"
+                   "sixel, blocks, blocks256)",
+                   1, 2,
+                   "  prt image bunny.prt --env grace.exr -\n"
                    "  prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
                    "  prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
                    "      --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"
@@ -50,10 +54,12 @@ static const struct {
                    "      --env grace.exr --orbit 30,20 -o statue.png\n"
                    "  prt image head.glb --material skin1 --size-mm 300 --env grace.exr \\\n"
                    "      --engine tangent --albedo-map skin.jpg -o head.png\n"},
-    [CMD_INFO] = {"info", "FILE", "print the contents of a .prt, a model or an environment", 1,
-                  1,
-                  "  prt info bunny.prt\n"
-                  "  prt info studio.exr --json\n"},
+    [CMD_INFO] =
+        {"info", "FILE",
+         "print the contents of a .prt, a model, an environment or a file of materials", 1, 1,
+         "  prt info bunny.prt\n"
+         "  prt info studio.exr --json\n"
+         "  prt info honey.mtlx\n"},
     [CMD_COMPARE] = {"compare", "A B", "relative RMSE |A-B|/|B| of colours or pictures", 2, 2,
                      "  prt compare bunny.csv truth.npy --max-rmse 0.01\n"
                      "  prt compare a.exr b.exr --json\n"
@@ -63,6 +69,20 @@ static const struct {
     [CMD_ENV] = {"env", "IN -o OUT", "convert, turn and resize an environment", 1, 1,
                  "  prt env studio.exr --size 128 -o studio_cube.exr\n"
                  "  prt env lobby_gl.dds --size 1024x512 --rotate 30 -o lobby.exr\n"},
+    [CMD_MATERIAL] =
+        {"material", "IN[#NAME] [-o OUT.json]",
+         "list the media of another program's materials, or convert one", 1, 1,
+         "  prt material honey.mtlx -o honey.json\n"
+         "  prt material chess_set.mtlx\n"
+         "  prt material chess_set.mtlx#M_King_W --mm-per-unit 1000 -o king.json\n"
+         "  prt material principled.json -o skin.json\n"
+         "  prt material scene.pbrt#fog -o fog.json\n"
+         "  prt material dragon.glb -o wax.json\n"
+         "  prt material \"Lowfat Milk\" -o milk.json\n"
+         "IN is MaterialX (open_pbr_surface, standard_surface), the inputs of\n"
+         "Blender's Principled BSDF as JSON, a pbrt scene, a glTF file, or a name:\n"
+         "the presets of --material and pbrt's named media. `prt material names`\n"
+         "lists the names.\n"},
 };
 
 int usage_error(const struct options *options, const char *fmt, ...)

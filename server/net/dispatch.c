@@ -20,6 +20,11 @@ static const char *load_material(const ProtobufCMessage *message)
     return ((const Relight__LoadRequest *)message)->material;
 }
 
+static const char *own_material(const ProtobufCMessage *message)
+{
+    return ((const Relight__MaterialRequest *)message)->material;
+}
+
 static const char *shade_material(const Relight__Shade *shade)
 {
     return shade ? shade->material : "";
@@ -93,6 +98,7 @@ ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 ROW(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)
 ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
 ROW(factors_request, op_factors, GUEST, VIEW, 0, NULL)
+ROW(material_request, op_material, GUEST, VIEW, 0, own_material)
 ROW(room_create_request, op_room_create, 0, EDIT, 0, NULL)
 ROW(room_list_request, op_room_list, GUEST, VIEW, 0, NULL)
 ROW(room_get_request, op_room_get, GUEST, VIEW, 0, NULL)
@@ -100,6 +106,7 @@ ROW(room_edit_request, op_room_edit, GUEST, VIEW, 0, NULL)
 ROW(room_picture_request, op_room_picture, GUEST, VIEW, 0, NULL)
 ROW(room_presence_request, NULL, ALWAYS, 0, 0, NULL, take_room_presence)
 ROW(room_backup_request, op_room_backup, 0, ADMIN, 0, NULL)
+ROW(sign_request, op_sign, 0, VIEW, 0, NULL)
 ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {

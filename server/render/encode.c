@@ -106,6 +106,12 @@ bool image_format_known(unsigned format)
            (formats[format].ending || formats[format].encode);
 }
 
+bool image_format_alpha(unsigned format)
+{
+    return image_format_known(format) && formats[format].ending &&
+           prt_picture_format(formats[format].ending)->alpha;
+}
+
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out)
 {

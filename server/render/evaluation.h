@@ -169,6 +169,7 @@ void encode_colors(const struct prt_context *ctx, const struct render_spec *spec
                    const struct vertex_values *values, uint8_t *to);
 /* Whether the daemon encodes this Relight__ImageFormat. */
 bool image_format_known(unsigned format);
+bool image_format_alpha(unsigned format); /* keeps alpha */
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out);
 

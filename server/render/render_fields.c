@@ -42,6 +42,7 @@ static const struct {
     ROW("picture.background", background),
     ROW("picture.samples", samples),
     ROW("picture.no_specular", no_specular),
+    ROW("picture.transparent", transparent),
 };
 static const char *const others[] = {"lights",
                                      "lights.rotate_deg",

@@ -315,6 +315,7 @@ static Relight__Picture *picture(struct rnd *r, struct picture *p)
     if (rnd_chance(r, 4)) p->picture.background = vec3(r, &p->vector[3], 0, 1);
     p->picture.samples = rnd_chance(r, 8) ? odd_number(r) : 1u << rnd(r, 4);
     p->picture.no_specular = rnd_chance(r, 2);
+    p->picture.transparent = rnd_chance(r, 4);
     if (rnd_chance(r, 3)) {
         p->picture.camera = &p->camera;
         p->camera.eye = vec3(r, &p->vector[0], -20, 20);

@@ -19,9 +19,10 @@ void stage_init(struct stage *s, const struct model *m, struct prt_camera camera
     memset(s, 0, sizeof *s);
     assert_int_equal(prt_scene_create(&quiet, &m->mesh, &s->scene), PRT_OK);
     assert_int_equal(prt_screen_create(&quiet, &m->mesh, s->scene, &s->screen), PRT_OK);
-    assert_int_equal(
-        prt_visibility_create(&quiet, &m->mesh, &camera, w, h, 4, PRT_RASTER_AUTO, &s->vis),
-        PRT_OK);
+    assert_int_equal(prt_visibility_create(&quiet, &m->mesh, &camera,
+                                           &(struct prt_raster){w, h, 4, PRT_RASTER_AUTO},
+                                           &s->vis),
+                     PRT_OK);
     prt_visibility_gbuffer(s->vis, &s->g);
 }
 
@@ -38,7 +39,7 @@ int try_render(struct stage *s, const struct prt_material *material,
                struct prt_screen_report *report)
 {
     struct prt_screen_input input = {.visibility = s->vis,
-                                     .material = material,
+                                     .media = {1, material, NULL},
                                      .cube = cube,
                                      .n_extra = light != NULL,
                                      .extra = light};

@@ -731,6 +731,33 @@ static void test_longest_unused_bake_goes(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A bake that is open stays, though a closed one was used later: closing it would cost whoever
+// works with it a new opening.
+static void test_open_bake_stays(void **state)
+{
+    static const char *const id[] = {"aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
+                                     "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"};
+    struct relight_error error;
+    struct relight_model info;
+    char room[24], third[ID_SIZE];
+    data_folders();
+    for (int i = 0; i < 2; i++) catalogue(id[i], id[i], 500);
+    snprintf(room, sizeof room, "%lld", (long long)baked_bytes * 5 / 2);
+    const char *const extra[] = {"--bakes-disk", room, NULL};
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    ask_red(client, id[0], 1);
+    ask_red(client, id[1], 1);
+    OK(relight_unload(client, id[1], false, NULL, &error));
+    bake_small(client, &d, third);
+    OK(relight_info(client, id[0], &info, &error));
+    assert_int_equal(info.state, RELIGHT_MODEL_READY);
+    relight_model_finish(&info);
+    expect(relight_info(client, id[1], &info, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, fresh_folder, after_each)
@@ -752,6 +779,7 @@ int main(void)
         TEST(test_previews_leave_room),
         TEST(test_share_of_a_principal),
         TEST(test_longest_unused_bake_goes),
+        TEST(test_open_bake_stays),
     };
     signal(SIGPIPE, SIG_IGN);
     return cmocka_run_group_tests_name("models", tests, setup, teardown);

@@ -327,6 +327,21 @@ static void volumes_of_a_gltf(void **state)
     m = load(&ctx, "\"name\":\"plain\"");
     assert_null(m->volume);
     prt_mesh_destroy(m);
+    lines[0] = 0; // F_0 of a quarter of eta 1.5 is 0.01; a coat is named as lost
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_specular\":{\"specularFactor\":0.25},"
+                   "\"KHR_materials_clearcoat\":{},\"KHR_materials_transmission\":"
+                   "{\"transmissionFactor\":0.75},\"KHR_materials_volume\":{}}");
+    assert_float_equal(m->surface[0].ior, 1.1 / 0.9, 1e-5);
+    assert_non_null(strstr(lines, "a medium has no clearcoat: left out"));
+    assert_non_null(strstr(lines, "the 25 % of it that do not transmit"));
+    prt_mesh_destroy(m);
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.01,"
+                   "\"attenuationColor\":[0.4,0.5,0.4]},\"KHR_materials_scatter\":"
+                   "{\"multiscatterColorFactor\":[0.2,0.5,0.6],\"scatterAnisotropy\":0.2}}");
+    assert_int_equal(m->volume[0].kind, PRT_VOLUME_SCATTER);
+    assert_float_equal(m->volume[0].albedo[1], 0.5, 1e-6);
+    assert_float_equal(m->volume[0].g, 0.2, 1e-6);
+    prt_mesh_destroy(m);
 }
 
 // Green is up the image: a map that says (0, 0.7, 0.7) tilts towards smaller v, here +y.

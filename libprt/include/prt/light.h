@@ -19,9 +19,10 @@ enum { PRT_CUBE_MIN = 4, PRT_CUBE_MAX = 2048 };
 /* Pixels [height][width][3], linear RGB radiance, row 0 on top. */
 struct prt_image {
     uint32_t width, height;
-    float *rgb;
+    float *rgb;   /* with alpha: premultiplied by it */
+    float *alpha; /* [height][width] in [0,1], of a picture without background; else NULL */
 };
-void prt_image_finish(struct prt_image *image); /* frees rgb; NULL is allowed */
+void prt_image_finish(struct prt_image *image); /* frees rgb and alpha; NULL is allowed */
 
 /* Radiance of texels: texel[((face*n + y)*n + x)*3 + c], linear RGB, average over the texel.
  * Faces +X -X +Y -Y +Z -Z with OpenGL's face axes:

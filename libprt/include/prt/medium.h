@@ -70,12 +70,96 @@ struct prt_attenuation {
  * the result is the albedo. false where an albedo above 0.98, which no finite medium has, was
  * lowered to it. */
 bool prt_material_from_attenuation(const struct prt_attenuation *in, struct prt_material *out);
+/* A dense medium by its mean free path 1/sigma_t, as subsurface shaders have it. */
+struct prt_dense {
+    char name[32];
+    float albedo[3];       /* [0,1] diffuse, of a half-space under even light */
+    float free_path_mm[3]; /* > 0 */
+    float g;               /* |g| <= 0.95 */
+    float eta, roughness;
+};
+enum {
+    PRT_LOWERED_ALBEDO = 1, /* an albedo above 0.98 was lowered to it */
+    PRT_LOWERED_RATE = 2,   /* coefficients were moved into prt_material's ranges */
+};
+/* The medium, its albedo inverted like that of an attenuation. Returns bits PRT_LOWERED_*. */
+unsigned prt_material_from_dense(const struct prt_dense *in, struct prt_material *out);
+
+/* One material of another program's file, and what it became (METHODS §10). */
+struct prt_import {
+    char name[64], format[32]; /* format: "open_pbr_surface", "Principled BSDF", … */
+    bool has_medium;
+    char why_not[160]; /* without a medium */
+    struct prt_material material;
+};
+/* Reads MaterialX (open_pbr_surface, standard_surface), Blender's Principled as JSON and pbrt's
+ * media from text of n bytes, with a 0 after them. mm_per_unit: millimetres in a unit of length
+ * of the text where it names none; 0: the format's own (MaterialX 10, Principled 1000, pbrt 1).
+ * Losses are warnings to ctx; `what` opens messages. *out: [*n_out] materials, the caller's to
+ * prt_free. Thread-safe. PRT_FORMAT, PRT_LIMIT, PRT_NOMEM. */
+int prt_material_import(const struct prt_context *ctx, const char *what, const char *text,
+                        size_t n, double mm_per_unit, struct prt_import **out, unsigned *n_out);
+/* The same of a file, FILE, or of one material of it, FILE#NAME (or a beginning of NAME),
+ * parsed in an isolated child. */
+int prt_material_import_file(const struct prt_context *ctx, const char *file,
+                             double mm_per_unit, struct prt_import **out, unsigned *n_out);
+/* The one medium of FILE, or that of FILE#NAME; prt_material_load calls it where
+ * prt_material_is_foreign. PRT_ARG where the choice is not clear. */
+int prt_material_load_foreign(const struct prt_context *ctx, const char *file,
+                              struct prt_material *out);
+bool prt_material_is_foreign(const char *file);
+/* The item of this name or of its only beginning; without a name the only one that has a
+ * medium. PRT_ARG after a message that lists them. */
+int prt_import_choose(const struct prt_context *ctx, const char *what,
+                      const struct prt_import *item, unsigned n, const char *name,
+                      const struct prt_import **out);
+/* pbrt's named media beside the presets (NSJ06 undiluted): NULL past the end. */
+const struct prt_material *prt_material_named_medium(unsigned index);
+
 /* The reduced albedo whose half-space returns this share of diffuse light. */
 double prt_albedo_invert(double reflectance, double eta);
+/* The media of a model's objects (METHODS §10): one for all, or one for each object. Arrays are
+ * borrowed. Zeroed: not given. */
+enum { PRT_MEDIA_MAX = 64 }; /* media of one model */
+struct prt_media {
+    uint32_t n;                        /* media, [1, PRT_MEDIA_MAX] */
+    const struct prt_material *medium; /* [n] */
+    const uint8_t *of_object; /* [n_object] index into medium; NULL: all have the first.
+                                 That of an object without translucent surface is not
+                                 used */
+};
+/* The index of an object's medium, and the medium. */
+static inline uint32_t prt_media_index(const struct prt_media *media, uint32_t object)
+{
+    return media->of_object ? media->of_object[object] : 0;
+}
+static inline const struct prt_material *prt_media_of(const struct prt_media *media,
+                                                      uint32_t object)
+{
+    return &media->medium[prt_media_index(media, object)];
+}
+/* One medium for all objects. */
+static inline struct prt_media prt_media_one(const struct prt_material *material)
+{
+    struct prt_media media = {1, material, NULL};
+    return media;
+}
+/* PRT_OK, or PRT_ARG after a log line: the number, an index, or a medium is out of range. */
+int prt_media_check(const struct prt_context *ctx, const struct prt_media *media,
+                    uint32_t n_object);
+/* A copy in memory of its own, which the caller prt_free()s; NULL without memory. */
+struct prt_media *prt_media_copy(const struct prt_media *media, uint32_t n_object);
+/* Hash of the media and of which object has which, names left out; equal maps of n_object
+ * objects have equal hashes. */
+uint64_t prt_media_hash(const struct prt_media *media, uint32_t n_object);
+/* The distinct relative indices of the media in their order into eta[PRT_MEDIA_MAX]; returns
+ * their number. */
+uint32_t prt_media_etas(const struct prt_media *media, double eta[]);
+
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
-/* The preset of this name, whatever its case, or the only one that begins so; NULL with a
- * remedy of n bytes, as prt_name_choose writes it. */
+/* The preset of this name, whatever its case, or the only one that begins so, else such a named
+ * medium; NULL with a remedy of n bytes, as prt_name_choose writes it. */
 const struct prt_material *prt_material_preset_named(const char *name, char *remedy, size_t n);
 
 /* Classical dipole of one channel (METHODS §1; JMLH01, W05 eq 3, X07 eq 4). */
@@ -139,12 +223,13 @@ double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle,
  * Orthonormal. p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 
-/* Corrects planes [n_plane][n_vertex][3] of single scattering alone, of which the first n_phase
- * (1, 4, 9, 16) were computed along -n_o, for the view at which they will be shaded (METHODS
- * §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from n_phase to 4 are filled.
- * Uses ctx->pool. */
-int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, const float (*normal)[3],
-                     double eta, unsigned n_phase, unsigned n_plane, float *planes);
+/* Corrects vertices [begin, end) of planes [n_plane][n_vertex][3] of single scattering alone,
+ * of which the first n_phase (1, 4, 9, 16) were computed along -n_o, for the view at which they
+ * will be shaded (METHODS §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from
+ * n_phase to 4 are filled. Uses ctx->pool. */
+int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, uint32_t begin,
+                     uint32_t end, const float (*normal)[3], double eta, unsigned n_phase,
+                     unsigned n_plane, float *planes);
 /* The slope s of that correction: single scattering towards w_o' is that along -n_o times
  * 1 + s (1 - mu_o'), mu_o' the cosine of w_o' with the normal. eta > 1. */
 float prt_view_slope(double eta);

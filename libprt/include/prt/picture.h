@@ -23,6 +23,7 @@ struct prt_picture_format {
     const char *ending; /* without the dot, lower case: "png" */
     const char *alias;  /* another ending ("jpeg"); NULL: none */
     bool linear;        /* keeps radiance above 1 */
+    bool alpha; /* keeps alpha: EXR with premultiplied colours, PNG with straight ones */
     /* Encodes linear RGB [height][width][3]. Returns an enum prt_status; *out, written where
      * that is 0, is freed by prt_free(out->bytes). Thread-safe; blocks while it computes. */
     int (*encode)(const struct prt_context *ctx, const struct prt_image *image,

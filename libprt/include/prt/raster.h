@@ -61,13 +61,18 @@ enum prt_raster_backend {
     PRT_RASTER_OSMESA,
     PRT_RASTER_EGL
 };
-/* Draws a mesh. width, height: [1,4096]. n_sub: 1, 2, 4 or 8; 1 and 4 are one draw, 2 and 8 are
- * n_sub draws. The caller destroys *out. PRT_ARG for values out of range, PRT_LIMIT for more
+/* The pixels of a picture. */
+struct prt_raster {
+    uint32_t width, height; /* [1,4096] */
+    unsigned n_sub;         /* sub-samples a pixel: 1, 2, 4 or 8; 1 and 4 are one draw, 2 and 8
+                             * are n_sub draws */
+    enum prt_raster_backend backend;
+};
+/* Draws a mesh. The caller destroys *out. PRT_ARG for values out of range, PRT_LIMIT for more
  * triangles than one GL draw takes, PRT_NOMEM, PRT_UNSUPPORTED without a driver for off-screen
  * OpenGL 4.5. Callers queue on a lock for each backend. */
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                          const struct prt_camera *camera, uint32_t width, uint32_t height,
-                          unsigned n_sub, enum prt_raster_backend backend,
+                          const struct prt_camera *camera, const struct prt_raster *raster,
                           struct prt_visibility **out);
 /* Frees a visibility buffer; NULL is allowed. */
 void prt_visibility_destroy(struct prt_visibility *visibility);
@@ -132,15 +137,18 @@ enum { PRT_LOOK_BASE = 1, PRT_LOOK_NORMAL = 2, PRT_LOOK_REST = 4, PRT_LOOK_ALL =
 struct prt_shade {
     unsigned n_plane;    /* phase planes: 1, 4, 9 or 16; plane 0 does not depend on the view */
     const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's factor */
-    float eta;           /* of the translucent material, >= 1 */
-    float roughness;     /* of its surface, [0,1] */
-    bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) over the divisor of
-                          * `exit` (METHODS §1) */
+    struct prt_media media; /* of the objects: only eta and roughness are read. Zeroed: eta 1,
+                               no reflection */
+    bool fresnel; /* multiply translucent radiance by F_t(eta, w_o) over the divisor of
+                   * `exit` (METHODS §1) */
     enum prt_exit exit;
     const struct prt_specular *specular; /* NULL: none */
     const struct prt_cube *background;   /* NULL: background_rgb */
     unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */
     float background_rgb[3];
+    bool transparent;    /* no background: the image has an alpha and premultiplied radiance */
+    const float *shadow; /* [height][width][3] factor in [0,1] of the background, or NULL; of a
+                            transparent one, 1 - its mean is the alpha of black */
     float background_rotate_deg; /* rotates `background` counter-clockwise about +y, seen from
                                     above, so that rotating the light needs no new cube */
 };

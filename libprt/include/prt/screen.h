@@ -41,7 +41,7 @@ struct prt_screen_light {
 /* A picture is computed of this. */
 struct prt_screen_input {
     const struct prt_visibility *visibility; /* of the screen's mesh */
-    const struct prt_material *material;     /* of all objects without object_material */
+    struct prt_media media;                  /* of the objects */
     const struct prt_cube
         *cube;        /* environment; NULL: none. options' n_light lights replace it */
     uint32_t n_extra; /* further lights, at most 4096 */
@@ -105,7 +105,6 @@ struct prt_screen_options {
     bool sh_irradiance; /* cube lights: unshadowed irradiance of 16 harmonics, as in S09 */
     bool measure_error; /* compare some 500 points with REFERENCE; costs its rays and time */
     uint64_t seed;
-    const struct prt_material *object_material; /* [n_object]; NULL: the input's for all */
     uint32_t frame; /* index in a running mean (prt_screen_mean_add): each draws other samples,
                        and the mean converges to REFERENCE, TANGENT's to some 1 % of it. Equal
                        seed and frame give equal pictures */
@@ -189,6 +188,16 @@ int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
  * picture, < 0 where the mean is black. Thread-safe for different means. */
 double prt_screen_mean_add(uint32_t n, size_t n_point, const float (*picture)[3],
                            float (*mean)[3]);
+
+/* The shadow of a model on the horizontal plane through its lowest point: *out
+ * [height][width][3], for each pixel whose ray meets the plane the share of irradiance that the
+ * model leaves there, 1 at other pixels and where the eye is below the plane; for
+ * prt_shade.shadow. It fades out at three half diagonals of the model's box. Light is constant
+ * over the cube's texels. The caller prt_free()s *out. Equal inputs give equal shadows for any
+ * number of threads. Reports "floor" as progress; blocks. PRT_NOMEM, PRT_CANCELLED. */
+int prt_floor_shadow(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                     const struct prt_visibility *visibility, const struct prt_cube *light,
+                     float **out);
 
 #ifdef __cplusplus
 }

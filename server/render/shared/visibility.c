@@ -26,8 +26,8 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
 {
     struct visibility_job *v = (struct visibility_job *)job;
     struct prt_visibility *visibility = NULL;
-    int status = prt_visibility_create(ctx, v->mesh, &v->camera, v->width, v->height,
-                                       v->samples, PRT_RASTER_AUTO, &visibility);
+    struct prt_raster raster = {v->width, v->height, v->samples, PRT_RASTER_AUTO};
+    int status = prt_visibility_create(ctx, v->mesh, &v->camera, &raster, &visibility);
     if (status) return status;
     job->value = visibility;
     job->bytes = prt_visibility_bytes(visibility);

@@ -36,7 +36,8 @@ static int run_warm(struct work *work, const struct prt_context *ctx)
     if (!status) status = prt_mesh_scale(ctx, mesh, 10, 0);
     if (!status) {
         prt_camera_frame(mesh, 1, &camera);
-        status = prt_visibility_create(ctx, mesh, &camera, 16, 16, 4, PRT_RASTER_AUTO, &seen);
+        status = prt_visibility_create(ctx, mesh, &camera,
+                                       &(struct prt_raster){16, 16, 4, PRT_RASTER_AUTO}, &seen);
     }
     // The tone curves' tables; pages in the encoders' code.
     uint8_t rgb8[3 * 16 * 16];

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: MIT
+// The shadow on the plane under a model, and pictures without a background.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bodies.h"
+#include "expect.h"
+#include "prt/picture.h"
+#include "prt/screen.h"
+
+enum { W = 96, H = 72, CUBE = 16 };
+#define R 10.0 // radius [mm] of a ball that stands on y = 0
+
+static struct prt_context context;
+static struct prt_mesh *ball;
+static struct prt_cube light;
+static struct prt_visibility *visibility;
+
+static int set_up(void **state)
+{
+    struct model m;
+    prt_context_init(&context);
+    model_init(&m, 65 * 65 * 2, 64 * 64 * 4);
+    add_sphere(&m, (float[]){0, (float)R, 0}, (float)R, 48);
+    ball = body_mesh(&context, &m, false);
+    struct prt_camera camera = {
+        .eye = {0, 60, 55}, .target = {0, 2, 0}, .up = {0, 1, 0}, .fovy_deg = 50};
+    if (!ball || prt_cube_init(&light, CUBE)) return -1;
+    for (int i = 0; i < 6 * CUBE * CUBE * 3; i++) light.texel[i] = 1 + (float)(i % 3);
+    return prt_visibility_create(&context, ball, &camera,
+                                 &(struct prt_raster){W, H, 4, PRT_RASTER_AUTO}, &visibility);
+}
+
+static int clean_up(void **state)
+{
+    prt_visibility_destroy(visibility);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(ball);
+    return 0;
+}
+
+// Distance [mm] from the ball's foot of the plane's point in a pixel.
+static double distance_at(int x, int y)
+{
+    float eye[3], forward[3], right[3], up[3];
+    prt_visibility_frame(visibility, eye, forward, right, up);
+    double s = 2 * (x + 0.5) / W - 1, t = 1 - 2 * (y + 0.5) / H, d[3];
+    for (int i = 0; i < 3; i++)
+        d[i] = (double)forward[i] + s * (double)right[i] + t * (double)up[i];
+    double k = -(double)eye[1] / d[1];
+    return hypot((double)eye[0] + k * d[0], (double)eye[2] + k * d[2]);
+}
+
+static double covered(int x, int y)
+{
+    double n = 0;
+    float uv[2];
+    for (unsigned s = 0; s < 4; s++)
+        n += prt_visibility_sample(visibility, (uint32_t)x, (uint32_t)y, s, uv) != UINT32_MAX;
+    return n / 4;
+}
+
+// Law: under even light a ball of radius R on the plane leaves 1 - (1 + d^2/R^2)^(-3/2) of the
+// irradiance at the distance d from its foot (the form factor of a sphere above an element).
+static void shadow_of_a_ball(void **state)
+{
+    float *left;
+    double worst = 0;
+    int n = 0;
+    assert_int_equal(prt_floor_shadow(&context, ball, visibility, &light, &left), PRT_OK);
+    for (int i = 0; i < W * H; i++) {
+        double d = distance_at(i % W, i / W);
+        if (covered(i % W, i / W) > 0 || d > 3 * R) continue; // it fades from 3.1 R on
+        double law = 1 - pow(1 + d * d / (R * R), -1.5);
+        for (int c = 0; c < 3; c++) // whatever the light's colour
+            worst = fmax(worst, fabs((double)left[3 * i + c] - law));
+        n++;
+    }
+    assert_true(n > W * H / 5);
+    expect_below("share of the irradiance beside a ball, absolute", worst, 0.015);
+    expect_near("far from it", (double)left[0], 1, 1e-6);
+    prt_free(left);
+    prt_cube_finish(&light); // a lamp in -x: the shadow falls towards +x, in the lamp's colour
+    assert_int_equal(prt_cube_init(&light, CUBE), PRT_OK);
+    for (int i = 0; i < 6 * CUBE * CUBE; i++) {
+        float *t = light.texel + 3 * i;
+        bool lamp = i == CUBE * CUBE + 3 * CUBE + CUBE / 2; // of face -x, above the horizon
+        t[0] = lamp ? 400 : 0.1f;
+        t[2] = 0.5f;
+    }
+    assert_int_equal(prt_floor_shadow(&context, ball, visibility, &light, &left), PRT_OK);
+    const float *dark = left + 3 * (H / 2 * W + W * 3 / 4),
+                *lit = left + 3 * (H / 2 * W + W / 8);
+    assert_true(dark[0] < 0.3f && dark[2] > 0.7f && lit[0] > 0.9f);
+    prt_free(left);
+}
+
+static struct prt_image shade(bool transparent, const float *shadow)
+{
+    struct prt_image image;
+    float *plane = prt_alloc(ball->n_vertex, 12);
+    for (uint32_t i = 0; i < 3 * ball->n_vertex; i++) plane[i] = 0.5f;
+    const struct prt_material surface = {.eta = 1.3f, .roughness = 0.3f};
+    struct prt_shade s = {.n_plane = 1,
+                          .planes = plane,
+                          .media = prt_media_one(&surface),
+                          .background_rgb = {1, 2, 4},
+                          .transparent = transparent,
+                          .shadow = shadow};
+    assert_int_equal(prt_shade_image(&context, visibility, ball, &s, &image), PRT_OK);
+    prt_free(plane);
+    return image;
+}
+
+// Law: a transparent picture over a background of any colour is the picture with that
+// background.
+static void composition(void **state)
+{
+    float *shadow = prt_alloc(W * H, 12);
+    for (int i = 0; i < W * H * 3; i++) shadow[i] = 0.25f + 0.5f * (float)(i / 3 % 7) / 7;
+    for (int k = 0; k < 2; k++) {
+        struct prt_image plain = shade(false, k ? shadow : NULL);
+        struct prt_image clear = shade(true, k ? shadow : NULL);
+        double worst = 0;
+        assert_null(plain.alpha);
+        assert_non_null(clear.alpha);
+        for (int i = 0; i < W * H * 3; i++) {
+            float b = (float[]){1, 2, 4}[i % 3];
+            float over = clear.rgb[i] + (1 - clear.alpha[i / 3]) * b;
+            worst = fmax(worst, fabs((double)(over - plain.rgb[i])));
+        }
+        expect_below("a transparent picture over a background", worst, 4e-3); // 1e-3 of 4
+        for (int i = 0; i < W * H && !k; i++)
+            assert_float_equal(clear.alpha[i], covered(i % W, i / W), 1e-5);
+        prt_image_finish(&plain);
+        prt_image_finish(&clear);
+    }
+    prt_free(shadow);
+}
+
+// PNG holds straight colours: half covered by radiance 0.5 is the code of 0.5 and alpha 128.
+static void files_with_alpha(void **state)
+{
+    float rgb[2][3] = {{0.25f, 0.25f, 0.25f}, {0, 0, 0}}, alpha[2] = {0.5f, 0};
+    struct prt_image image = {2, 1, rgb[0], alpha};
+    struct prt_picture_options o = {.tone = PRT_TONE_NONE};
+    struct prt_blob blob;
+    assert_false(prt_picture_format("a.jpg")->alpha);
+    assert_false(prt_picture_format("a.hdr")->alpha);
+    assert_int_equal(prt_picture_format("a.png")->encode(&context, &image, &o, &blob), PRT_OK);
+    assert_int_equal(((uint8_t *)blob.bytes)[25], 6); // IHDR: RGB and alpha
+    struct prt_image back;
+    assert_int_equal(prt_image_load_memory(&context, "a.png", blob.bytes, blob.size, &back),
+                     PRT_OK);
+    assert_float_equal(back.rgb[0], 0.5f, 4e-3); // 1/255 of sRGB
+    prt_image_finish(&back);
+    prt_free(blob.bytes);
+    assert_int_equal(prt_picture_format("a.exr")->encode(&context, &image, &o, &blob), PRT_OK);
+    assert_non_null(memmem(blob.bytes, blob.size, "A\0\1\0\0\0", 6)); // a channel of halves
+    assert_int_equal(prt_image_load_memory(&context, "a.exr", blob.bytes, blob.size, &back),
+                     PRT_OK);
+    assert_float_equal(back.rgb[0], 0.25f, 1e-4);
+    prt_image_finish(&back);
+    prt_free(blob.bytes);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(shadow_of_a_ball),
+        cmocka_unit_test(composition),
+        cmocka_unit_test(files_with_alpha),
+    };
+    return run_physics_tests(tests, set_up, clean_up);
+}

@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: MIT
+// Materials of other programs: what they become, the albedo of a half-space of them, what is
+// lost is said, and hostile files (METHODS §10).
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "bodies.h"
+#include "expect.h"
+#include "prt/light.h"
+#include "prt/medium.h"
+#include "prt/reference.h"
+
+static struct prt_context context;
+static char said[4096];
+
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    size_t n = strlen(said);
+    snprintf(said + n, sizeof said - n, "%s\n", line);
+}
+
+static int set_up(void **state)
+{
+    prt_context_init(&context);
+    context.log = keep_line;
+    return 0;
+}
+
+// A document of one shader with these inputs, each "name=value".
+static const char *mtlx(const char *shader, const char *const input[])
+{
+    static char text[4096];
+    size_t n =
+        (size_t)snprintf(text, sizeof text,
+                         "<materialx version=\"1.39\" colorspace=\"lin_rec709\"><%s name=\"s\" "
+                         "type=\"surfaceshader\">",
+                         shader);
+    for (; *input; input++) {
+        const char *equals = strchr(*input, '=');
+        n += (size_t)snprintf(text + n, sizeof text - n,
+                              "<input name=\"%.*s\" type=\"color3\" value=\"%s\"/>",
+                              (int)(equals - *input), *input, equals + 1);
+    }
+    snprintf(text + n, sizeof text - n,
+             "</%s><surfacematerial name=\"m\" type=\"material\"><input name=\"surfaceshader\" "
+             "type=\"surfaceshader\" nodename=\"s\"/></surfacematerial></materialx>",
+             shader);
+    return text;
+}
+
+// The first material of a text; asserts that it has a medium when asked to.
+static struct prt_import import(const char *text, bool medium)
+{
+    struct prt_import *item, first;
+    unsigned n;
+    said[0] = 0;
+    if (prt_material_import(&context, "test", text, strlen(text), 0, &item, &n))
+        fail_msg("%s", said);
+    first = item[0];
+    prt_free(item);
+    assert_int_equal(first.has_medium, medium);
+    return first;
+}
+
+// B/E at the middle of a large square under constant light, by the reference engine.
+static void furnace(const struct prt_material *m, double albedo[3])
+{
+    enum { N = 12 };
+    const uint32_t vertex = (N / 2) * (N + 1) + N / 2;
+    struct model body;
+    struct prt_cube light;
+    float multiple[1][3], irradiance[1][3];
+    model_init(&body, (N + 1) * (N + 1), 2 * N * N);
+    add_floor(&body, 40, 0, N);
+    struct prt_mesh *mesh = body_mesh(&context, &body, false);
+    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
+    for (int i = 0; i < 6 * 16 * 16 * 3; i++) light.texel[i] = 1;
+    const struct prt_media media = prt_media_one(m);
+    struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE,
+                                      .n_sample = 150000,
+                                      .n_ray = 256,
+                                      .vertex = &vertex,
+                                      .n_vertex = 1};
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, &light, &o, multiple),
+                     PRT_OK);
+    o.term = PRT_REFERENCE_IRRADIANCE;
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, &light, &o, irradiance),
+                     PRT_OK);
+    for (int c = 0; c < 3; c++)
+        albedo[c] = M_PI * (double)multiple[0][c] / (double)irradiance[0][c];
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+static void returns(const char *text, const double albedo[3], const double free_path[3])
+{
+    struct prt_import i = import(text, true);
+    double found[3];
+    furnace(&i.material, found);
+    for (int c = 0; c < 3; c++) {
+        double sigma_t = (double)i.material.sigma_a[c] +
+                         (double)i.material.sigma_s_prime[c] / (1 - (double)i.material.g[c]);
+        expect_near("albedo that a half-space returns", found[c], albedo[c], 0.01 * albedo[c]);
+        expect_near("mean free path, relative", 1 / sigma_t / free_path[c], 1, 1e-4);
+    }
+}
+
+// Law: under even light a half-space of an imported medium returns the albedo of its shader,
+// and its mean free path is the shader's, in the format's unit of length.
+static void half_spaces_return_their_albedo(void **state)
+{
+    static const double a[3] = {0.6, 0.4, 0.2}, path[3] = {1, 0.6, 0.4};
+    returns(
+        mtlx("open_pbr_surface",
+             (const char *const[]){"subsurface_weight=1", "subsurface_color=.6,.4,.2",
+                                   "subsurface_radius=.1", "subsurface_radius_scale=1, .6, .4",
+                                   "subsurface_scatter_anisotropy=.5", NULL}),
+        a, path);
+    returns(mtlx("standard_surface",
+                 (const char *const[]){"subsurface=1", "subsurface_color=.6,.4,.2",
+                                       "subsurface_radius=1,.6,.4", "subsurface_scale=.1",
+                                       "specular_IOR=1.3", NULL}),
+            a, path);
+    returns("{\"Base Color\":[0.6,0.4,0.2,1],\"Subsurface Weight\":1,\"Subsurface Radius\":"
+            "[1,0.6,0.4],\"Subsurface Scale\":0.001,\"IOR\":1.4}",
+            a, path);
+    returns("MakeNamedMaterial \"m\" \"string type\" \"subsurface\" \"rgb reflectance\" "
+            "[.6 .4 .2] \"rgb mfp\" [1 .6 .4]",
+            a, path);
+    // a mixture with an opaque base: its colour, and the share of the mean free path
+    returns(mtlx("open_pbr_surface",
+                 (const char *const[]){"subsurface_weight=.5", "subsurface_color=.8,.4,.4",
+                                       "base_color=.4,.4,0", "subsurface_radius=.2",
+                                       "subsurface_radius_scale=1,.6,.4", NULL}),
+            a, path);
+}
+
+// OpenPBR's interior: sigma_t = -ln(color)/depth, sigma_s = scatter/depth; where that leaves a
+// negative sigma_a, all channels are lifted alike.
+static void transmissive_interiors(void **state)
+{
+    struct prt_import honey = import(
+        mtlx("open_pbr_surface",
+             (const char *const[]){"specular_ior=1.504", "transmission_weight=1",
+                                   "transmission_color=0.83, 0.4, 0.04", "transmission_depth=2",
+                                   "transmission_scatter=0.9,0.9,0.9", NULL}),
+        true);
+    const double t[3] = {0.83, 0.4, 0.04};
+    for (int c = 0; c < 3; c++) { // 2 is 20 mm
+        expect_near("sigma_s of honey [1/mm]", (double)honey.material.sigma_s_prime[c],
+                    0.9 / 20, 1e-6);
+        expect_near("sigma_a of honey [1/mm]", (double)honey.material.sigma_a[c],
+                    (log(t[0]) - log(t[c])) / 20, 1e-6);
+    }
+    expect_near("eta of honey", (double)honey.material.eta, 1.504, 1e-5);
+    // a specular weight scales the reflection at normal incidence
+    struct prt_import dull =
+        import(mtlx("open_pbr_surface",
+                    (const char *const[]){"subsurface_weight=1", "specular_weight=.25", NULL}),
+               true);
+    double root = ((double)dull.material.eta - 1) / ((double)dull.material.eta + 1);
+    expect_near("F_0 of a quarter of eta 1.5", root * root, 0.04 / 4, 1e-6);
+    import(mtlx("open_pbr_surface", (const char *const[]){"transmission_weight=1", NULL}),
+           false);
+    import(mtlx("open_pbr_surface",
+                (const char *const[]){"base_metalness=1", "subsurface_weight=1", NULL}),
+           false);
+}
+
+// What is lost is said, by name, of the material that is chosen.
+static void losses_are_said(void **state)
+{
+    static const char *const path = PRT_SHARED_DATA "/materials/mtlx/";
+    char file[512];
+    struct prt_material m;
+    snprintf(file, sizeof file, "%sopen_pbr_pearl.mtlx", path);
+    said[0] = 0;
+    assert_int_equal(prt_material_load(&context, file, &m), PRT_OK);
+    assert_non_null(strstr(said, "coat, thin film"));
+    snprintf(file, sizeof file, "%sstandard_surface_marble_solid.mtlx", path);
+    said[0] = 0;
+    assert_int_equal(prt_material_load(&context, file, &m), PRT_OK);
+    assert_non_null(strstr(said, "subsurface_color (position \"obj_pos\")"));
+    assert_non_null(strstr(said, "60 % of it is opaque"));
+    snprintf(file, sizeof file, "%sstandard_surface_chess_set.mtlx", path);
+    assert_true(prt_material_load(&context, file, &m) < 0);
+    assert_non_null(strstr(said, "choose one as FILE#NAME; its media: M_King_B"));
+    strcat(file, "#m_king_w");
+    said[0] = 0;
+    assert_int_equal(prt_material_load(&context, file, &m), PRT_OK);
+    assert_string_equal(m.name, "M_King_W");
+    assert_non_null(strstr(said, "subsurface_color (image \"mtlximage7\")"));
+    assert_null(strstr(said, "M_Queen"));
+    snprintf(file, sizeof file, "%sopen_pbr_glass.mtlx", path);
+    said[0] = 0;
+    assert_true(prt_material_load(&context, file, &m) < 0);
+    assert_non_null(strstr(said, "it is clear"));
+    said[0] = 0;
+    struct prt_import cloud =
+        import("MakeNamedMedium \"c\" \"string type\" \"cloud\" \"float density\" [1]", false);
+    assert_non_null(strstr(cloud.why_not, "cloud"));
+    assert_int_equal(prt_material_load(&context, "lowfat milk", &m), PRT_OK);
+    expect_near("g of a named medium", (double)m.g[0], 0.932, 1e-6);
+}
+
+// A tree of nodes, each the sum of the next one twice: 2^30 steps without a budget.
+static char *doubling_graph(void)
+{
+    char *text = malloc(1 << 14);
+    size_t n = (size_t)sprintf(text, "<materialx><nodegraph name=\"g\">");
+    for (int i = 0; i < 30; i++)
+        n += (size_t)sprintf(text + n,
+                             "<add name=\"n%d\"><input name=\"in1\" nodename=\"n%d\"/><input "
+                             "name=\"in2\" nodename=\"n%d\"/></add>",
+                             i, i + 1, i + 1);
+    strcpy(text + n, "<constant name=\"n30\"><input name=\"value\" value=\"1\"/></constant>"
+                     "<output name=\"out\" nodename=\"n0\"/></nodegraph>"
+                     "<standard_surface name=\"s\" type=\"surfaceshader\"><input name=\""
+                     "subsurface\" nodegraph=\"g\" output=\"out\"/></standard_surface>"
+                     "</materialx>");
+    return text;
+}
+
+// Faults of a file are one line that names it; none takes long.
+static void hostile_files(void **state)
+{
+    char deep[64 * 4 + 64] = "";
+    for (int i = 0; i < 65; i++) strcat(deep, "<a>");
+    const struct {
+        const char *text, *line;
+    } row[] = {
+        {"<!DOCTYPE x [<!ENTITY a \"aaaa\"><!ENTITY b \"&a;&a;\">]><materialx>&b;</materialx>",
+         "document type"},
+        {"<materialx>", "not valid XML in line 1"},
+        {"<materialx a=\"1\" a=\"2\"/>", "not valid XML"},
+        {"<svg/>", "its root is <svg>"},
+        {"<materialx/>", "holds no <surfacematerial>"},
+        {deep, "nested too deeply"},
+        {"\x01\x02", "neither MaterialX"},
+        {"{\"Base Color\":", "not valid JSON"},
+        {"{\"x\":[[[[[[]]]]]]}", "without a Principled"},
+        {"MakeNamedMedium \"a\" \"rgb sigma_a\" [1 2", "a list has no ]"},
+        {"WorldBegin", "without MakeNamedMedium"},
+        {"Material \"x", "not a pbrt scene"},
+    };
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_import *item;
+        unsigned n;
+        said[0] = 0;
+        assert_true(prt_material_import(&context, "evil", row[i].text, strlen(row[i].text), 0,
+                                        &item, &n) < 0);
+        if (!strstr(said, row[i].line) || strncmp(said, "evil: ", 6) ||
+            strchr(said, '\n') != said + strlen(said) - 1)
+            fail_msg("%s: \"%s\" expected in \"%s\"", row[i].text, row[i].line, said);
+    }
+    char *text = doubling_graph();
+    import(text, true); // the weight has no value, and counts as an image's
+    assert_non_null(strstr(said, "subsurface (graph \"too deep or too large\")"));
+    free(text);
+    // numbers beyond all ranges: no medium, or one in range (prt_material_import checks)
+    import(mtlx("standard_surface",
+                (const char *const[]){"subsurface=1e9", "subsurface_radius=1e-30,1e11,-5",
+                                      "subsurface_color=-1,1e12,0", "specular_IOR=-1",
+                                      "subsurface_anisotropy=5", NULL}),
+           true);
+    import(mtlx("open_pbr_surface",
+                (const char *const[]){"transmission_weight=1", "transmission_depth=1e-12",
+                                      "transmission_scatter=1e12,0,1", NULL}),
+           true);
+    import(mtlx("standard_surface", (const char *const[]){"subsurface=nan", NULL}), true);
+}
+
+// A file of 20 materials: all have a medium, and the time is printed.
+static void twenty_materials(void **state)
+{
+    char *text = malloc(1 << 15), path[] = "/tmp/prt-imports-XXXXXX";
+    size_t n = (size_t)sprintf(text, "<materialx>");
+    for (int i = 0; i < 20; i++)
+        n += (size_t)sprintf(
+            text + n,
+            "<open_pbr_surface name=\"s%d\" type=\"surfaceshader\"><input name=\""
+            "subsurface_weight\" value=\"1\"/></open_pbr_surface><surfacematerial name=\"m%d\" "
+            "type=\"material\"><input name=\"surfaceshader\" nodename=\"s%d\"/>"
+            "</surfacematerial>",
+            i, i, i);
+    n += (size_t)sprintf(text + n, "</materialx>");
+    int fd = mkstemp(path);
+    assert_int_equal(write(fd, text, n), n);
+    close(fd);
+    struct prt_import *item;
+    unsigned found;
+    double best = 1e9;
+    for (int k = 0; k < 5; k++) {
+        double began = prt_time_s();
+        assert_int_equal(prt_material_import_file(&context, path, 0, &item, &found), PRT_OK);
+        best = fmin(best, prt_time_s() - began);
+        assert_int_equal(found, 20);
+        for (unsigned i = 0; i < found; i++) assert_true(item[i].has_medium);
+        prt_free(item);
+    }
+    printf("20 materials of a file: %.2f ms\n", 1e3 * best);
+    unlink(path);
+    free(text);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(half_spaces_return_their_albedo),
+        cmocka_unit_test(transmissive_interiors),
+        cmocka_unit_test(losses_are_said),
+        cmocka_unit_test(hostile_files),
+        cmocka_unit_test(twenty_materials),
+    };
+    return run_physics_tests(tests, set_up, NULL);
+}
