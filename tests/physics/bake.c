@@ -188,13 +188,14 @@ static void a_draft_is_within_three_percent(void **state)
     struct prt_mesh *mesh = body();
     struct prt_bake_profile profile;
     struct prt_bake_options o = {
-        .engine = PRT_TRANSPORT_JOINT, .material = medium("skin1"), .draft = true};
+        .engine = PRT_TRANSPORT_JOINT, .media = prt_media_one(kept("skin1")), .draft = true};
     struct prt_cube light = light_of(16);
     o.profile = &profile;
     assert_int_equal(prt_bake(&context, mesh, &o, file("d.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
         struct prt_material m = medium(name[i]);
-        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light, .material = &m};
+        struct prt_query q = {
+            .term = PRT_ANSWER_MULTIPLE, .light = &light, .media = prt_media_one(&m)};
         float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_MULTIPLE);
         double error = error_of(file("d.prt"), &q, (const float(*)[3])want);
         free(want);
