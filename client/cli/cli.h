@@ -76,7 +76,13 @@ void progress_clear(void);
 
 /* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
 int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
-/* Finds the image format that the ending of `path` names; false for any other and for NULL. */
+/* Pictures in the terminal: whether `path` is "-"; the size of a picture for it, where --size
+ * gives none; drawing one of IMAGE_RGB8. */
+bool is_terminal_path(const char *path);
+void fit_terminal(struct options *options);
+int draw_in_terminal(const struct options *options, const struct relight_image *image);
+/* Finds the image format that the ending of `path` names ("-": IMAGE_RGB8); false for any other
+ * and for NULL. */
 bool picture_format(const char *path, enum relight_image_format *out);
 /* The usage error of an -o whose ending is none of `others` ("" or ".csv, ") and of pictures.
  */

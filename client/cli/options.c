@@ -278,7 +278,9 @@ const struct command commands[] = {
      COMMON LIGHT "ofx", true, run_colors},
     {"image", "ID",
      "Relights a model to a picture.\v"
-     "FILE ends in .png, .jpg or .exr (linear radiance).\n\n"
+     "FILE ends in .png, .jpg or .exr (linear radiance); - draws in the terminal: by kitty's "
+     "protocol, as sixels or as half blocks, which $RELIGHT_TERMINAL (kitty, sixel, blocks, "
+     "blocks256) overrides.\n\n"
      "Examples:\n  relight image bunny --env sunrise.exr --size 1280x720 -o bunny.png\n"
      "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 --exposure -1 -o bunny.exr\n"
      "  relight image head --env studio.exr --albedo-map skin.jpg --normal-map skin_n.png "
