@@ -2,6 +2,7 @@
 // prt image: a lit model drawn from a camera.
 #include "maps.h"
 #include "tool.h"
+#include "terminal.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
 
@@ -10,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { MAX_LINE = 512 }; // of a message
 
@@ -86,8 +88,12 @@ static int check_usage(struct tool *tool, struct picture *p)
 {
     const struct options *o = &tool->opt;
     int status;
+    if (o->n_input > 1 && (o->out || !is_terminal_path(o->input[1])))
+        return usage_error(o, "%s: one SOURCE, and - or -o OUT", o->input[1]);
+    if (o->n_input > 1) tool->opt.out = o->input[1];
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
+    if (!is_terminal_path(o->out) && !prt_picture_format(o->out))
+        return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
     if ((o->camera || o->orbit) && o->eye.set)
         return usage_error(o, "--%s says where the eye is: leave --eye out",
@@ -103,7 +109,7 @@ static int check_usage(struct tool *tool, struct picture *p)
         p->plain = true;
     } else if (o->background && !strcmp(o->background, "transparent")) {
         p->plain = p->transparent = true;
-        if (!prt_picture_format(o->out)->alpha)
+        if (is_terminal_path(o->out) || !prt_picture_format(o->out)->alpha)
             return usage_error(
                 o, "%s has no alpha: --background transparent is for .png and .exr", o->out);
     } else if (o->background && strcmp(o->background, "env")) {
@@ -351,6 +357,11 @@ static int draw(struct tool *tool, struct picture *p)
     const char *term = o->term ? o->term : "total";
     bool total = !strcmp(term, "total");
     uint32_t width = o->width ? o->width : 800, height = o->height ? o->height : 600;
+    if (!o->width && is_terminal_path(o->out)) {
+        struct prt_terminal terminal;
+        prt_terminal_detect(STDOUT_FILENO, &terminal);
+        prt_terminal_fit(&terminal, &width, &height);
+    }
     int status;
     const char *engine = choose_engine(tool, &p->source, &status);
     if (!engine) return status;
@@ -397,7 +408,9 @@ int run_image(struct tool *tool)
 {
     struct picture p = {0};
     int status = check_usage(tool, &p);
-    if (status || (status = check_writable(tool, tool->opt.out))) return status;
+    if (!status && !is_terminal_path(tool->opt.out))
+        status = check_writable(tool, tool->opt.out);
+    if (status) return status;
     if ((status = source_open(tool, tool->opt.input[0], NULL, &p.source))) return status;
     status = draw(tool, &p);
     picture_finish(&p);

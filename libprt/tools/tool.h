@@ -163,6 +163,8 @@ int output_colors(const struct prt_context *ctx, const char *path, const struct 
 /* The usage error of -o with an ending of no picture: "`things` are written as …". */
 int picture_path_error(const struct options *options, const char *things);
 /* Writes a linear picture; prt_picture_format has a format for the path. Library status. */
+// Whether pictures go to the terminal: "-".
+bool is_terminal_path(const char *path);
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
                  const struct prt_picture_options *options);
 /* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */

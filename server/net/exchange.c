@@ -7,7 +7,7 @@
 #include "net/dispatch.h"
 #include "net/http_problem.h"
 #include "net/listener.h"
-#include "net/message_text.h"
+#include "message_text.h"
 #include "net/upload.h"
 #include "relight.pb-c.h"
 
