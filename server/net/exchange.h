@@ -8,6 +8,7 @@
 #define RELIGHTD_EXCHANGE_H
 
 #include "core/work.h"
+#include "net/chunked.h"
 #include "net/http_head.h"
 #include "net/request.h"
 
@@ -64,7 +65,10 @@ struct exchange {
     uint64_t json_charged, body_at; /* bytes of the body that came */
     uint8_t *chunk;
     size_t chunk_at, chunk_size;
-    unsigned n_flying; /* chunks without an answer */
+    struct chunked
+        framing; /* of a chunked body, which is kept in `chunk` until it is complete */
+    uint64_t kept_charged; /* of PAYLOAD, for it */
+    unsigned n_flying;     /* chunks without an answer */
     bool storing, reading, broken;
     bool received; /* libwebsockets said that the request is complete */
 
@@ -132,6 +136,15 @@ struct work_of_exchange {
 void exchange_work(struct exchange *x, struct payload *payload, uint32_t n_vertex, int format,
                    const char *type,
                    int (*run)(struct work *work, const struct prt_context *ctx));
+
+/* ---- between exchange.c and exchange_admit.c */
+
+/* Finds the route and the caller, opens the connection of an operation and makes its message,
+ * or answers a page. False with *problem, or with an answer set (x->status). */
+bool exchange_admit(struct exchange *x, struct http_problem *problem);
+/* Opens x->conn for the caller, charged to its limits. */
+bool exchange_connect(struct exchange *x, const struct caller *caller,
+                      struct http_problem *problem);
 
 /* ---- routes.c */
 

@@ -2,7 +2,7 @@
 // Answers of operations as HTTP, and the pages that need none.
 #include "net/routes.h"
 
-#include "net/message_text.h"
+#include "message_text.h"
 #include "net/openapi.h"
 #include "relight.pb-c.h"
 #include "vertex_file.h"
@@ -79,6 +79,20 @@ static void answer_bytes(struct exchange *x, const char *type, struct payload *p
     } else {
         exchange_answer(x, 200, type, NULL, 0, payload);
     }
+}
+
+// The payload is a packed message: the room's state, or its events.
+void answer_room(struct exchange *x, const ProtobufCMessage *message, bool last,
+                 struct payload *payload)
+{
+    bool events = ((const Relight__RoomGetRequest *)x->message)->events;
+    const ProtobufCMessageDescriptor *d =
+        events ? &relight__room_events__descriptor : &relight__room_state__descriptor;
+    ProtobufCMessage *room = protobuf_c_message_unpack(d, NULL, payload->size, payload->bytes);
+    ProtobufCMessage *shown = room ? room : message_new(d); // without memory: an empty one
+    drop_payload(payload);
+    exchange_json(x, room ? 200 : 503, shown);
+    if (shown) protobuf_c_message_free_unpacked(shown, NULL);
 }
 
 void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last,

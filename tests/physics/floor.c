@@ -35,8 +35,8 @@ static int set_up(void **state)
         .eye = {0, 60, 55}, .target = {0, 2, 0}, .up = {0, 1, 0}, .fovy_deg = 50};
     if (!ball || prt_cube_init(&light, CUBE)) return -1;
     for (int i = 0; i < 6 * CUBE * CUBE * 3; i++) light.texel[i] = 1 + (float)(i % 3);
-    return prt_visibility_create(&context, ball, &camera, W, H, 4, PRT_RASTER_AUTO,
-                                 &visibility);
+    return prt_visibility_create(&context, ball, &camera,
+                                 &(struct prt_raster){W, H, 4, PRT_RASTER_AUTO}, &visibility);
 }
 
 static int clean_up(void **state)
@@ -108,10 +108,10 @@ static struct prt_image shade(bool transparent, const float *shadow)
     struct prt_image image;
     float *plane = prt_alloc(ball->n_vertex, 12);
     for (uint32_t i = 0; i < 3 * ball->n_vertex; i++) plane[i] = 0.5f;
+    const struct prt_material surface = {.eta = 1.3f, .roughness = 0.3f};
     struct prt_shade s = {.n_plane = 1,
                           .planes = plane,
-                          .eta = 1.3f,
-                          .roughness = 0.3f,
+                          .media = prt_media_one(&surface),
                           .background_rgb = {1, 2, 4},
                           .transparent = transparent,
                           .shadow = shadow};

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // Passes over a model's transport. While one runs, evaluations of the same model gather, and
 // the next pass computes up to PRT_RELIGHT_MAX_LIGHTS of them: it reads the transport once for
-// all their lights.
+// all their lights. The principals that wait take turns (render/shared/pass_share.h), and each
+// principal's most urgent evaluations go first.
 #include "render/evaluation.h"
 #include "render/shared/cache_compute.h"
+#include "render/shared/pass_share.h"
 #include "net/request.h"
 
 #include <stdio.h>
@@ -56,7 +58,8 @@ static struct prt_query item_query(const struct pass_item *item)
         item->contracted_light ? item->contracted_light->value : NULL;
     return (struct prt_query){.term = q->term,
                               .light = item->light ? item->light->value : NULL,
-                              .material = q->has_material ? &q->material : NULL,
+                              .media = q->has_material ? prt_media_one(&q->material)
+                                                       : (struct prt_media){0},
                               .eye = q->has_eye ? q->eye : NULL,
                               .lit = c ? c->contracted : NULL};
 }
@@ -74,8 +77,8 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     int status = item->query.coefficients ? prt_coefficients_plan(ctx, t, &query, &rows)
                  : item->query.planes     ? prt_answer_planes(ctx, t, &query, &n_plane, NULL)
                                           : PRT_OK;
-    if (!status && query.material)
-        status = prt_answer_material_error(ctx, t, query.material, query.term, &error);
+    if (!status && query.media.n)
+        status = prt_answer_material_error(ctx, t, &query.media, query.term, &error);
     if (status) return status;
     const size_t each = (size_t)t->mesh.n_vertex * 3 * sizeof(float);
     item->job.bytes =
@@ -111,7 +114,7 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
                 continue;
             done[i] = true;
             query[m] = item_query(item[i]);
-            if (item[i]->contracted_material) query[m].material = NULL; // it is in t already
+            if (item[i]->contracted_material) query[m].media.n = 0; // they are in t already
             planes[m] = item[i]->query.planes;
             rows[m] = &values->coefficients;
             out[m++] = values->values;
@@ -174,20 +177,47 @@ static void submit(struct pass *pass)
     work_act(pool, before);
 }
 
+// Moves the items of this class that their principals' grants cover to `running`.
+static void choose_class(struct pass *pass, int class, struct pass_share *share,
+                         struct pass_item ***end)
+{
+    for (struct pass_item **at = &pass->first; *at && share->n_granted;) {
+        struct pass_item *item = *at;
+        if ((int)item->job.actor.class != class ||
+            !pass_share_take(share, item->job.actor.name)) {
+            at = &item->next;
+            continue;
+        }
+        *at = item->next;
+        item->next = NULL;
+        **end = item;
+        *end = &item->next;
+        pass->n_running++;
+    }
+}
+
+static void choose_items(struct pass *pass)
+{
+    struct pass_share share = {0};
+    struct pass_item **end = &pass->running;
+    unsigned seen = 0;
+    for (const struct pass_item *i = pass->first; i && seen++ < PASS_SHARE_SEEN; i = i->next)
+        pass_share_add(&share, i->job.actor.name);
+    // `payer` has the principals of the pass before: clients that wait for its answers come
+    // back.
+    for (unsigned i = 0; i < pass->n_running; i++) pass_share_before(&share, pass->payer[i]);
+    pass_share_grant(&share, PRT_RELIGHT_MAX_LIGHTS);
+    pass->running = NULL;
+    pass->n_running = 0;
+    for (int class = 0; class < WORK_N_CLASS; class ++) choose_class(pass, class, &share, &end);
+    for (pass->last = &pass->first; *pass->last;) pass->last = &(*pass->last)->next;
+}
+
 static void start_pass(struct pass *pass)
 {
     struct stats *stats = &pass->model->server->stats;
-    struct pass_item **end = &pass->first;
-    unsigned n = 0;
-    while (*end && n < PRT_RELIGHT_MAX_LIGHTS) {
-        end = &(*end)->next;
-        n++;
-    }
-    pass->running = pass->first;
-    pass->n_running = n;
-    pass->first = *end;
-    *end = NULL;
-    if (!pass->first) pass->last = &pass->first;
+    choose_items(pass);
+    unsigned n = pass->n_running;
     stats->passes++;
     stats->relights += n;
     stats_batch(stats, n);
