@@ -61,7 +61,8 @@ enum format_section_type {
     SECTION_MAPS,
     SECTION_IMAGE,
     SECTION_TEXEL,
-    SECTION_CAMERA, // the model's own cameras; missing where it has none
+    SECTION_CAMERA,  // the model's own cameras; missing where it has none
+    SECTION_BLOCKED, // sky that the model hides from its vertices
 };
 
 struct format_section {

@@ -38,6 +38,8 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     put(l, SECTION_WELD, 0, m->weld, 4ull * m->n_vertex);
     put(l, SECTION_BLOCK, 0, m->block, (uint64_t)sizeof *m->block * m->n_block);
     put(l, SECTION_SURFACE, 0, m->surface, (uint64_t)sizeof *m->surface * m->n_surface);
+    if (m->blocked)
+        put(l, SECTION_BLOCKED, 0, m->blocked, sizeof *m->blocked * (uint64_t)m->n_vertex);
     put(l, SECTION_CAMERA, 0, m->camera, (uint64_t)sizeof *m->camera * m->n_camera);
     if (m->n_uv > 1 && m->uv_more)
         put(l, SECTION_UV_MORE, 0, m->uv_more, 8ull * (m->n_uv - 1) * m->n_vertex);
