@@ -102,6 +102,7 @@ int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
 int run_token(struct relight_client *client, struct options *options);
+int run_sign(struct relight_client *client, struct options *options);
 int run_events(struct relight_client *client, struct options *options);
 int run_download(struct relight_client *client, struct options *options);
 int run_stats(struct relight_client *client, struct options *options);

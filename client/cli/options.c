@@ -180,7 +180,8 @@ static const struct row {
      "rights, comma-separated: view (look), edit (vertices, unload, cancel), upload (files, load), "
      "admin (what others made, tokens)"},
     {3, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
-     "the token is valid for this time, such as 30d, 12h, 90m or 3600s (default: for ever)"},
+     "it is valid for this time, such as 30d, 12h, 90m or 3600s (default: a token for ever, a link "
+     "one day)"},
     {4, "rate", "N", SPECIAL, 0, 0, 1e9, NULL, 0, "requests a second"},
     {5, "memory", "BYTES", SPECIAL, AT(token_order.quotas.memory), 0, 0, NULL, 0,
      "bytes held by its requests and views; k, M, G and T multiply by 1024"},
@@ -305,6 +306,14 @@ const struct command commands[] = {
      "  relight token create --name scraper --scope view --rate 1\n"
      "  relight token list\n  relight token revoke anna",
      COMMON TOKEN, true, run_token},
+    {"sign", "PATH",
+     "Signs a link to a picture: whoever has it sees that picture, until it expires.\v"
+     "PATH is the path and query of a picture over HTTP. Prints the path to put behind the address "
+     "of --http, for <img> in any page. The link has the rights of your token, `view` at most, and "
+     "ends with it; a token of its own, with a --rate, keeps viewers of links apart from you.\n\n"
+     "Examples:\n  relight sign '/v1/models/bunny/image.jpg?env=constant&rotate=30&size=800x600'\n"
+     "  relight sign --expires 30d '/v1/models/bunny/image.png?env=studio'",
+     COMMON "\3", true, run_sign},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,
      false, run_stats},
     {NULL, NULL, NULL, NULL, false, NULL},

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// relight token: create, list and revoke the tokens of a daemon.
+// relight token: create, list and revoke the tokens of a daemon. relight sign: links by a
+// token.
 #include "cli.h"
 
 #include <stddef.h>
@@ -153,4 +154,22 @@ int run_token(struct relight_client *client, struct options *options)
     if (!strcmp(options->target, "list")) return list(client, options);
     if (!strcmp(options->target, "revoke")) return revoke(client, options);
     return report_usage(options, "%s: expected create, list or revoke", options->target);
+}
+
+int run_sign(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    struct relight_link link;
+    if (relight_sign(client, options->target, options->token_order.lifetime_s, &link, &error))
+        return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "url", link.url);
+        cJSON_AddNumberToObject(json, "expires_s", (double)link.expires_s);
+        print_json(json);
+    } else {
+        puts(link.url);
+    }
+    relight_link_finish(&link);
+    return EXIT_DONE;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Tokens of a daemon: create, list, revoke.
+// Tokens of a daemon: create, list, revoke; links signed by one.
 #include "internal.h"
 
 #include <stdio.h>
@@ -111,4 +111,26 @@ int relight_token_revoke(struct relight_client *client, const char *name, uint32
         *connections = ((Relight__TokenRevokeAnswer *)answer->message)->connections;
     relight_answer_free(answer);
     return 0;
+}
+
+int relight_sign(struct relight_client *client, const char *url, uint64_t lifetime_s,
+                 struct relight_link *out, struct relight_error *error)
+{
+    Relight__SignRequest m = RELIGHT__SIGN_REQUEST__INIT;
+    struct answer *answer;
+    m.url = relight_text(url);
+    m.lifetime_s = lifetime_s;
+    int status = relight_call(client, RELIGHT_TYPE_SIGN, &m.base, &answer, error);
+    if (status) return status;
+    struct owner *owner = relight_owner(answer);
+    if (!owner) return no_memory(error);
+    const Relight__SignAnswer *a = (Relight__SignAnswer *)answer->message;
+    *out = (struct relight_link){.url = a->url, .expires_s = a->expires_s, .owner = owner};
+    return 0;
+}
+
+void relight_link_finish(struct relight_link *link)
+{
+    relight_owner_free(link->owner);
+    *link = (struct relight_link){0};
 }

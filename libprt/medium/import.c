@@ -16,7 +16,7 @@ static void copy_name(char *to, size_t size, const char *from)
     to[n] = 0;
 }
 
-struct prt_import *import_add(struct import_list *list, const char *name)
+struct prt_import *prt_import_add(struct import_list *list, const char *name)
 {
     if (list->n == IMPORT_MAX_MEDIA) {
         (void)prt_fail(list->ctx, PRT_LIMIT, "%s: has more than %d materials", list->what,
@@ -42,8 +42,8 @@ struct prt_import *import_add(struct import_list *list, const char *name)
     return item;
 }
 
-void import_warn(const struct import_list *list, const struct prt_import *item, const char *fmt,
-                 ...)
+void prt_import_warn(const struct import_list *list, const struct prt_import *item,
+                     const char *fmt, ...)
 {
     char text[700];
     va_list args;
@@ -54,7 +54,7 @@ void import_warn(const struct import_list *list, const struct prt_import *item, 
     prt_log(list->ctx, PRT_LOG_WARNING, "%s: %s: %s", list->what, item->name, text);
 }
 
-void import_none(struct prt_import *item, const char *fmt, ...)
+void prt_import_none(struct prt_import *item, const char *fmt, ...)
 {
     va_list args;
     va_start(args, fmt);
@@ -67,8 +67,8 @@ static int read_json(struct import_list *list, const char *text, size_t n)
     cJSON *object = cJSON_ParseWithLength(text, n);
     int status =
         !object ? prt_fail(list->ctx, PRT_FORMAT, "%s: not valid JSON", list->what)
-        : import_is_blender(object)
-            ? import_blender(list, object)
+        : prt_import_is_blender(object)
+            ? prt_import_blender(list, object)
             : prt_fail(list->ctx, PRT_FORMAT,
                        "%s: JSON without a Principled shader's inputs (\"Base Color\", "
                        "\"Subsurface Weight\", …)",
@@ -77,7 +77,7 @@ static int read_json(struct import_list *list, const char *text, size_t n)
     return status;
 }
 
-int import_text(struct import_list *list, const char *text, size_t n)
+int prt_import_text(struct import_list *list, const char *text, size_t n)
 {
     const char *at = text + strspn(text, " \t\r\n");
     bool utf16 = n > 1 && ((text[0] == '\xff' && text[1] == '\xfe') ||
@@ -86,9 +86,9 @@ int import_text(struct import_list *list, const char *text, size_t n)
     if (n > IMPORT_MAX_BYTES)
         return prt_fail(list->ctx, PRT_LIMIT, "%s: has %zu bytes, at most %d are read",
                         list->what, n, IMPORT_MAX_BYTES);
-    if (*at == '<' || utf16) return import_mtlx(list, text, n);
+    if (*at == '<' || utf16) return prt_import_mtlx(list, text, n);
     if (*at == '{') return read_json(list, text, n);
-    if (*at == '#' || isalpha((unsigned char)*at)) return import_pbrt(list, text);
+    if (*at == '#' || isalpha((unsigned char)*at)) return prt_import_pbrt(list, text);
     return prt_fail(list->ctx, PRT_FORMAT,
                     "%s: neither MaterialX, a material's JSON nor a pbrt scene", list->what);
 }
@@ -97,7 +97,7 @@ int prt_material_import(const struct prt_context *ctx, const char *what, const c
                         size_t n, double mm_per_unit, struct prt_import **out, unsigned *n_out)
 {
     struct import_list list = {.ctx = ctx, .what = what, .mm_per_unit = mm_per_unit};
-    int status = import_text(&list, text, n);
+    int status = prt_import_text(&list, text, n);
     for (unsigned i = 0; i < list.n && !status; i++)
         if (list.item[i].has_medium) status = prt_material_check(ctx, &list.item[i].material);
     if (status) {

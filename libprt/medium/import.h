@@ -23,12 +23,12 @@ struct import_list {
     unsigned n, capacity;
 };
 /* The next item, zeroed but for its name; NULL after a message. */
-struct prt_import *import_add(struct import_list *list, const char *name);
+struct prt_import *prt_import_add(struct import_list *list, const char *name);
 /* Warns of one material: "FILE: NAME: …". */
-void import_warn(const struct import_list *list, const struct prt_import *item, const char *fmt,
-                 ...) __attribute__((format(printf, 3, 4)));
+void prt_import_warn(const struct import_list *list, const struct prt_import *item,
+                     const char *fmt, ...) __attribute__((format(printf, 3, 4)));
 /* Says why the item gives no medium. */
-void import_none(struct prt_import *item, const char *fmt, ...)
+void prt_import_none(struct prt_import *item, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
 
 /* An artist's shader: a surface over a diffuse base, a dense interior with a colour of its own
@@ -48,27 +48,28 @@ struct import_shader {
 #define IMPORT_UNREAD_COLOR 0.8
 #define IMPORT_UNREAD_WEIGHT 1.0
 /* Appends to a list of struct import_shader: "a, b". */
-void import_append(char list[256], const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void prt_import_append(char list[256], const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
 /* Appends a word to shader->lost when `amount` is above 0. */
-void import_lost(struct import_shader *shader, const char *feature, double amount);
+void prt_import_lost(struct import_shader *shader, const char *feature, double amount);
 /* The medium of a shader into item, by subsurface or transmission, whichever has more weight.
  */
-void import_shader(const struct import_list *list, const struct import_shader *shader,
-                   struct prt_import *item);
+void prt_import_shader(const struct import_list *list, const struct import_shader *shader,
+                       struct prt_import *item);
 /* Coefficients in mm^-1 into item->material, in range; warns where a bound changed them. */
-void import_coefficients(const struct import_list *list, struct prt_import *item,
-                         const double sigma_s[3], const double sigma_a[3], double g);
+void prt_import_coefficients(const struct import_list *list, struct prt_import *item,
+                             const double sigma_s[3], const double sigma_a[3], double g);
 
 /* The index of refraction whose reflection at normal incidence is `factor` times ior's. */
-double import_ior(double ior, double factor);
+double prt_import_ior(double ior, double factor);
 
 /* Readers; text[n] is 0. Library status. */
-int import_mtlx(struct import_list *list, const char *text, size_t n);
-int import_blender(struct import_list *list, const cJSON *object);
-int import_pbrt(struct import_list *list, const char *text);
+int prt_import_mtlx(struct import_list *list, const char *text, size_t n);
+int prt_import_blender(struct import_list *list, const cJSON *object);
+int prt_import_pbrt(struct import_list *list, const char *text);
 /* Chooses one of them; the caller frees list->item, also after an error. */
-int import_text(struct import_list *list, const char *text, size_t n);
+int prt_import_text(struct import_list *list, const char *text, size_t n);
 /* A Principled shader's JSON, by its keys. */
-bool import_is_blender(const cJSON *object);
+bool prt_import_is_blender(const cJSON *object);
 
 #endif

@@ -45,7 +45,7 @@ static bool is_blender(const cJSON *object, int depth)
     return false;
 }
 
-bool import_is_blender(const cJSON *object)
+bool prt_import_is_blender(const cJSON *object)
 {
     return is_blender(object, 0);
 }
@@ -89,7 +89,7 @@ static void read_rgb(const struct reading *r, const char *key, const double othe
             memcpy(out, got, sizeof got);
             return;
         }
-    import_append(r->to->unread, "%s (not a number or a colour: a linked node?)", key);
+    prt_import_append(r->to->unread, "%s (not a number or a colour: a linked node?)", key);
     for (int c = 0; c < 3 && unread >= 0; c++) out[c] = unread;
 }
 
@@ -110,19 +110,19 @@ static double read_number(const struct reading *r, const char *key, const char *
 
 static void read_lost(const struct reading *r, struct import_shader *s)
 {
-    import_lost(s, "coat", read_number(r, "coat_weight", "clearcoat", 0));
-    import_lost(s, "sheen", read_number(r, "sheen_weight", "sheen", 0));
-    import_lost(s, "thin film", read_number(r, "thin_film_thickness", NULL, 0));
-    import_lost(s, "emission", read_number(r, "emission_strength", NULL, 0));
-    import_lost(s, "anisotropic roughness", read_number(r, "anisotropic", NULL, 0));
-    import_lost(s, "alpha below 1", 1 - read_number(r, "alpha", NULL, 1));
-    import_lost(s, "partial metal", read_number(r, "metallic", NULL, 0));
+    prt_import_lost(s, "coat", read_number(r, "coat_weight", "clearcoat", 0));
+    prt_import_lost(s, "sheen", read_number(r, "sheen_weight", "sheen", 0));
+    prt_import_lost(s, "thin film", read_number(r, "thin_film_thickness", NULL, 0));
+    prt_import_lost(s, "emission", read_number(r, "emission_strength", NULL, 0));
+    prt_import_lost(s, "anisotropic roughness", read_number(r, "anisotropic", NULL, 0));
+    prt_import_lost(s, "alpha below 1", 1 - read_number(r, "alpha", NULL, 1));
+    prt_import_lost(s, "partial metal", read_number(r, "metallic", NULL, 0));
 }
 
 // Blender 2 and 3 have neither a scale nor a weight beside the radius: "Subsurface" is both.
 static int read_principled(struct import_list *list, const char *name, const cJSON *object)
 {
-    struct prt_import *item = import_add(list, name);
+    struct prt_import *item = prt_import_add(list, name);
     if (!item) return PRT_LIMIT;
     struct import_shader s = {.ior = 1.5};
     struct reading r = {list, item, object, &s};
@@ -143,7 +143,7 @@ static int read_principled(struct import_list *list, const char *name, const cJS
     s.ior = read_number(&r, "ior", NULL, old ? 1.45 : 1.5);
     s.specular = 2 * read_number(&r, "specular_ior_level", "specular", 0.5);
     read_lost(&r, &s);
-    import_shader(list, &s, item);
+    prt_import_shader(list, &s, item);
     return PRT_OK;
 }
 
@@ -160,7 +160,7 @@ static int read_any(struct import_list *list, const char *name, const cJSON *obj
     return status;
 }
 
-int import_blender(struct import_list *list, const cJSON *object)
+int prt_import_blender(struct import_list *list, const cJSON *object)
 {
     return read_any(list, "Principled", object, 0);
 }

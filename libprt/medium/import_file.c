@@ -31,7 +31,7 @@ static int read_one(const struct prt_context *ctx, const struct request *r,
     struct import_list list = {.ctx = ctx, .what = r->path, .mm_per_unit = r->mm_per_unit};
     if (!status) {
         list.only = chosen->name;
-        status = import_text(&list, r->file.bytes, r->file.size);
+        status = prt_import_text(&list, r->file.bytes, r->file.size);
     }
     if (!status) { // the chosen one stands first
         list.item[0] = *chosen;
@@ -119,7 +119,7 @@ static bool is_foreign(const char *text, size_t n)
     if (*at != '{') return strstr(at, "MakeNamed") || strstr(at, "Material \"");
     cJSON *object = cJSON_ParseWithLength(text, n);
     bool found = !cJSON_HasObjectItem(object, "sigma_s_prime") &&
-                 !cJSON_HasObjectItem(object, "profile") && import_is_blender(object);
+                 !cJSON_HasObjectItem(object, "profile") && prt_import_is_blender(object);
     cJSON_Delete(object);
     return found;
 }

@@ -23,17 +23,17 @@ static double read_input(const struct reading *r, const char *name, const double
 {
     struct mtlx_value v;
     struct mtlx_graph *g = r->graph;
-    int input = xml_child(g->tree, r->shader, "input", name);
+    int input = prt_xml_child(g->tree, r->shader, "input", name);
     memcpy(out, otherwise, 3 * sizeof *out);
     if (input == XML_NONE) return 0;
     g->varies[0] = 0;
-    if (!mtlx_input(g, input, &v)) {
-        import_append(r->to->unread, "%s (%s)", name, g->missing);
+    if (!prt_mtlx_input(g, input, &v)) {
+        prt_import_append(r->to->unread, "%s (%s)", name, g->missing);
         for (int c = 0; c < 3 && unread >= 0; c++) out[c] = unread;
         return 0;
     }
     for (int c = 0; c < 3; c++) out[c] = v.v[v.n == 1 ? 0 : c];
-    if (g->varies[0]) import_append(r->to->varies, "%s (%s)", name, g->varies);
+    if (g->varies[0]) prt_import_append(r->to->varies, "%s (%s)", name, g->varies);
     return g->unit_mm;
 }
 
@@ -71,7 +71,7 @@ static void read_opacity(const struct reading *r, const char *name, struct impor
 {
     double opacity[3];
     (void)read_input(r, name, (double[]){1, 1, 1}, -1, opacity);
-    import_lost(s, "opacity below 1", 1 - fmin(fmin(opacity[0], opacity[1]), opacity[2]));
+    prt_import_lost(s, "opacity below 1", 1 - fmin(fmin(opacity[0], opacity[1]), opacity[2]));
 }
 
 static void read_open_pbr(const struct reading *r, struct import_shader *s)
@@ -95,13 +95,14 @@ static void read_open_pbr(const struct reading *r, struct import_shader *s)
     (void)read_input(r, "subsurface_radius_scale", (double[]){1, 0.5, 0.25}, -1, scale);
     for (int c = 0; c < 3; c++) s->free_path[c] = radius * scale[c];
     s->subsurface_g = read_number(r, "subsurface_scatter_anisotropy", 0);
-    import_lost(s, "coat", read_number(r, "coat_weight", 0));
-    import_lost(s, "fuzz", read_number(r, "fuzz_weight", 0));
-    import_lost(s, "thin film", read_number(r, "thin_film_weight", 0));
-    import_lost(s, "emission", read_number(r, "emission_luminance", 0));
-    import_lost(s, "dispersion", read_number(r, "transmission_dispersion_scale", 0));
-    import_lost(s, "anisotropic roughness", read_number(r, "specular_roughness_anisotropy", 0));
-    import_lost(s, "thin walls", read_number(r, "geometry_thin_walled", 0));
+    prt_import_lost(s, "coat", read_number(r, "coat_weight", 0));
+    prt_import_lost(s, "fuzz", read_number(r, "fuzz_weight", 0));
+    prt_import_lost(s, "thin film", read_number(r, "thin_film_weight", 0));
+    prt_import_lost(s, "emission", read_number(r, "emission_luminance", 0));
+    prt_import_lost(s, "dispersion", read_number(r, "transmission_dispersion_scale", 0));
+    prt_import_lost(s, "anisotropic roughness",
+                    read_number(r, "specular_roughness_anisotropy", 0));
+    prt_import_lost(s, "thin walls", read_number(r, "geometry_thin_walled", 0));
     read_opacity(r, "geometry_opacity", s);
 }
 
@@ -126,23 +127,23 @@ static void read_standard(const struct reading *r, struct import_shader *s)
     double scale = read_length(r, "subsurface_scale", 1);
     for (int c = 0; c < 3; c++) s->free_path[c] = radius[c] * scale;
     s->subsurface_g = read_number(r, "subsurface_anisotropy", 0);
-    import_lost(s, "coat", read_number(r, "coat", 0));
-    import_lost(s, "sheen", read_number(r, "sheen", 0));
-    import_lost(s, "thin film", read_number(r, "thin_film_thickness", 0));
-    import_lost(s, "emission", read_number(r, "emission", 0));
-    import_lost(s, "dispersion", read_number(r, "transmission_dispersion", 0));
-    import_lost(s, "anisotropic roughness", read_number(r, "specular_anisotropy", 0));
-    import_lost(s, "thin walls", read_number(r, "thin_walled", 0));
+    prt_import_lost(s, "coat", read_number(r, "coat", 0));
+    prt_import_lost(s, "sheen", read_number(r, "sheen", 0));
+    prt_import_lost(s, "thin film", read_number(r, "thin_film_thickness", 0));
+    prt_import_lost(s, "emission", read_number(r, "emission", 0));
+    prt_import_lost(s, "dispersion", read_number(r, "transmission_dispersion", 0));
+    prt_import_lost(s, "anisotropic roughness", read_number(r, "specular_anisotropy", 0));
+    prt_import_lost(s, "thin walls", read_number(r, "thin_walled", 0));
     read_opacity(r, "opacity", s);
 }
 
 static int read_shader(struct import_list *list, struct mtlx_graph *g, const char *name,
                        int shader)
 {
-    struct prt_import *item = import_add(list, name);
+    struct prt_import *item = prt_import_add(list, name);
     if (!item) return PRT_LIMIT;
     if (shader == XML_NONE) {
-        import_none(item, "it has no surface shader");
+        prt_import_none(item, "it has no surface shader");
         return PRT_OK;
     }
     struct import_shader s = {.ior = 1.5, .specular = 1};
@@ -154,21 +155,21 @@ static int read_shader(struct import_list *list, struct mtlx_graph *g, const cha
     } else if (!strcmp(tag, "standard_surface")) {
         read_standard(&r, &s);
     } else {
-        import_none(item, "its shader is %.40s: open_pbr_surface and standard_surface are read",
-                    tag);
+        prt_import_none(
+            item, "its shader is %.40s: open_pbr_surface and standard_surface are read", tag);
         return PRT_OK;
     }
-    import_lost(&s, "normal map",
-                xml_child(g->tree, shader, "input", "normal") != XML_NONE ||
-                    xml_child(g->tree, shader, "input", "geometry_normal") != XML_NONE);
-    import_shader(list, &s, item);
+    prt_import_lost(&s, "normal map",
+                    prt_xml_child(g->tree, shader, "input", "normal") != XML_NONE ||
+                        prt_xml_child(g->tree, shader, "input", "geometry_normal") != XML_NONE);
+    prt_import_shader(list, &s, item);
     return PRT_OK;
 }
 
 // The shader that a material's input names, through the outputs of node graphs.
 static int shader_of(struct mtlx_graph *g, int material)
 {
-    int at = xml_child(g->tree, material, "input", "surfaceshader");
+    int at = prt_xml_child(g->tree, material, "input", "surfaceshader");
     for (int steps = 0; at != XML_NONE && steps < 8; steps++) {
         const char *tag = g->tree->node[at].tag;
         if (!strcmp(tag, "nodegraph")) {
@@ -178,7 +179,7 @@ static int shader_of(struct mtlx_graph *g, int material)
         } else if (strcmp(tag, "input") && strcmp(tag, "output")) {
             return at;
         }
-        at = mtlx_source(g, at);
+        at = prt_mtlx_source(g, at);
     }
     return XML_NONE;
 }
@@ -191,13 +192,14 @@ static int read_document(struct import_list *list, struct mtlx_graph *g)
         return prt_fail(list->ctx, PRT_FORMAT, "%s: its root is <%.40s>, not <materialx>",
                         list->what, t->node[0].tag);
     for (int i = t->node[0].child; i != XML_NONE; i = t->node[i].next) {
-        const char *name = xml_attribute(t, i, "name");
+        const char *name = prt_xml_attribute(t, i, "name");
         if (strcmp(t->node[i].tag, "surfacematerial")) continue;
         any = true;
         if (read_shader(list, g, name ? name : "material", shader_of(g, i))) return PRT_LIMIT;
     }
     for (int i = t->node[0].child; !any && i != XML_NONE; i = t->node[i].next) {
-        const char *type = xml_attribute(t, i, "type"), *name = xml_attribute(t, i, "name");
+        const char *type = prt_xml_attribute(t, i, "type"),
+                   *name = prt_xml_attribute(t, i, "name");
         if (!type || strcmp(type, "surfaceshader")) continue;
         if (read_shader(list, g, name ? name : "material", i)) return PRT_LIMIT;
     }
@@ -206,13 +208,13 @@ static int read_document(struct import_list *list, struct mtlx_graph *g)
     return PRT_OK;
 }
 
-int import_mtlx(struct import_list *list, const char *text, size_t n)
+int prt_import_mtlx(struct import_list *list, const char *text, size_t n)
 {
     struct xml_tree tree;
-    int status = xml_tree_parse(list->ctx, list->what, text, n, &tree);
+    int status = prt_xml_tree_parse(list->ctx, list->what, text, n, &tree);
     if (status) return status;
     struct mtlx_graph graph = {.tree = &tree, .budget = MTLX_MAX_STEP};
     status = read_document(list, &graph);
-    xml_tree_finish(&tree);
+    prt_xml_tree_finish(&tree);
     return status;
 }

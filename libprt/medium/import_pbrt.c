@@ -157,7 +157,7 @@ static void dense(const struct import_list *list, const struct parameters *p, do
         s.subsurface_color[c] = p->reflectance[c];
         s.free_path[c] = p->mfp[c] * unit;
     }
-    import_shader(list, &s, item);
+    prt_import_shader(list, &s, item);
 }
 
 static void make_medium(const struct import_list *list, const struct parameters *p,
@@ -166,11 +166,12 @@ static void make_medium(const struct import_list *list, const struct parameters 
     double unit = list->mm_per_unit > 0 ? list->mm_per_unit : 1, s[3], a[3], g = p->g;
     const struct prt_material *preset = p->preset[0] ? preset_named(p->preset) : NULL;
     if (p->preset[0] && !preset) {
-        import_none(item, "its preset \"%.60s\" is none of pbrt's", p->preset);
+        prt_import_none(item, "its preset \"%.60s\" is none of pbrt's", p->preset);
         return;
     }
     if (p->unread[0]) {
-        import_none(item, "its %.40s is a spectrum, which is not read: give rgb", p->unread);
+        prt_import_none(item, "its %.40s is a spectrum, which is not read: give rgb",
+                        p->unread);
         return;
     }
     item->material.eta = (float)fmin(fmax(p->eta, 1), 3);
@@ -185,8 +186,9 @@ static void make_medium(const struct import_list *list, const struct parameters 
         s[c] *= p->scale / unit;
         a[c] *= p->scale / unit;
     }
-    if (!(fmax(s[0], fmax(s[1], s[2])) > 0)) import_none(item, "nothing in it scatters light");
-    else import_coefficients(list, item, s, a, g);
+    if (!(fmax(s[0], fmax(s[1], s[2])) > 0))
+        prt_import_none(item, "nothing in it scatters light");
+    else prt_import_coefficients(list, item, s, a, g);
 }
 
 // The directive `word`, whose first text is the current token.
@@ -209,16 +211,16 @@ static int directive(struct import_list *list, struct scan *s, const char *word)
                             word, name);
     if (!medium && strcmp(p.type, "subsurface") && strcmp(p.type, "kdsubsurface"))
         return PRT_OK; // an opaque material
-    struct prt_import *item = import_add(list, name);
+    struct prt_import *item = prt_import_add(list, name);
     if (!item) return PRT_LIMIT;
     snprintf(item->format, sizeof item->format, "pbrt %s", medium ? "medium" : "subsurface");
     if (medium && p.type[0] && strcmp(p.type, "homogeneous"))
-        import_none(item, "its type is %.40s: homogeneous media are read", p.type);
+        prt_import_none(item, "its type is %.40s: homogeneous media are read", p.type);
     else make_medium(list, &p, item);
     return PRT_OK;
 }
 
-int import_pbrt(struct import_list *list, const char *text)
+int prt_import_pbrt(struct import_list *list, const char *text)
 {
     struct scan s = {.at = text};
     int status = PRT_OK;

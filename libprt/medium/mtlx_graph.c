@@ -22,7 +22,7 @@ static bool fail(struct mtlx_graph *g, const char *tag, const char *name)
 
 static bool fail_at(struct mtlx_graph *g, int node)
 {
-    return fail(g, g->tree->node[node].tag, xml_attribute(g->tree, node, "name"));
+    return fail(g, g->tree->node[node].tag, prt_xml_attribute(g->tree, node, "name"));
 }
 
 static bool numbers(const char *text, struct mtlx_value *out)
@@ -56,10 +56,10 @@ static void to_linear(const struct mtlx_graph *g, int node, struct mtlx_value *v
     static const double ap1[3][3] = {{1.70505, -0.62179, -0.08326},
                                      {-0.13026, 1.14080, -0.01055},
                                      {-0.02400, -0.12897, 1.15297}};
-    const char *type = xml_attribute(g->tree, node, "type"), *space = NULL;
+    const char *type = prt_xml_attribute(g->tree, node, "type"), *space = NULL;
     if (value->n < 3 || !type || strncmp(type, "color", 5)) return;
     for (int i = node; i != XML_NONE && !space; i = g->tree->node[i].parent)
-        space = xml_attribute(g->tree, i, "colorspace");
+        space = prt_xml_attribute(g->tree, i, "colorspace");
     if (space && !strcmp(space, "srgb_texture"))
         for (int c = 0; c < 3; c++) value->v[c] = srgb_linear(value->v[c]);
     if (!space || (strcmp(space, "acescg") && strcmp(space, "lin_ap1"))) return;
@@ -85,17 +85,17 @@ static double length_mm(const char *unit)
 static int find(const struct mtlx_graph *g, int from, const char *tag, const char *name)
 {
     for (int i = g->tree->node[from].parent; i != XML_NONE; i = g->tree->node[i].parent) {
-        int found = xml_child(g->tree, i, tag, name);
+        int found = prt_xml_child(g->tree, i, tag, name);
         if (found != XML_NONE) return found;
     }
     return XML_NONE;
 }
 
-int mtlx_source(struct mtlx_graph *g, int input)
+int prt_mtlx_source(struct mtlx_graph *g, int input)
 {
-    const char *graph = xml_attribute(g->tree, input, "nodegraph");
-    const char *node = xml_attribute(g->tree, input, "nodename");
-    const char *face = xml_attribute(g->tree, input, "interfacename");
+    const char *graph = prt_xml_attribute(g->tree, input, "nodegraph");
+    const char *node = prt_xml_attribute(g->tree, input, "nodename");
+    const char *face = prt_xml_attribute(g->tree, input, "interfacename");
     // an output's scope is the graph that holds it; an input's is the scope of its node
     int holder = g->tree->node[input].parent;
     if (!strcmp(g->tree->node[input].tag, "output")) holder = input;
@@ -107,25 +107,25 @@ int mtlx_source(struct mtlx_graph *g, int input)
 
 static bool input_at(struct mtlx_graph *g, int input, int depth, struct mtlx_value *out)
 {
-    const char *value = xml_attribute(g->tree, input, "value");
-    const char *output = xml_attribute(g->tree, input, "output");
+    const char *value = prt_xml_attribute(g->tree, input, "value");
+    const char *output = prt_xml_attribute(g->tree, input, "output");
     if (depth > MAX_DEPTH || g->budget-- <= 0) return fail(g, "graph", "too deep or too large");
-    bool refers = xml_attribute(g->tree, input, "nodegraph") ||
-                  xml_attribute(g->tree, input, "nodename") ||
-                  xml_attribute(g->tree, input, "interfacename");
+    bool refers = prt_xml_attribute(g->tree, input, "nodegraph") ||
+                  prt_xml_attribute(g->tree, input, "nodename") ||
+                  prt_xml_attribute(g->tree, input, "interfacename");
     if (refers) {
-        int source = mtlx_source(g, input);
+        int source = prt_mtlx_source(g, input);
         if (source == XML_NONE)
-            return fail(g, "missing node of input", xml_attribute(g->tree, input, "name"));
+            return fail(g, "missing node of input", prt_xml_attribute(g->tree, input, "name"));
         return evaluate(g, source, output, depth + 1, out);
     }
     if (!value || !numbers(value, out)) return fail_at(g, input);
-    g->unit_mm = length_mm(xml_attribute(g->tree, input, "unit"));
+    g->unit_mm = length_mm(prt_xml_attribute(g->tree, input, "unit"));
     to_linear(g, input, out);
     return true;
 }
 
-bool mtlx_input(struct mtlx_graph *g, int input, struct mtlx_value *out)
+bool prt_mtlx_input(struct mtlx_graph *g, int input, struct mtlx_value *out)
 {
     g->missing[0] = 0;
     g->unit_mm = 0;
@@ -136,7 +136,7 @@ bool mtlx_input(struct mtlx_graph *g, int input, struct mtlx_value *out)
 static bool operand(struct mtlx_graph *g, int node, const char *name, double otherwise,
                     int depth, struct mtlx_value *out)
 {
-    int input = xml_child(g->tree, node, "input", name);
+    int input = prt_xml_child(g->tree, node, "input", name);
     *out = (struct mtlx_value){.v = {otherwise, otherwise, otherwise, otherwise}, .n = 1};
     return input == XML_NONE || input_at(g, input, depth, out);
 }
@@ -242,7 +242,7 @@ static bool is_pattern(const char *tag)
 
 static int output_of(const struct mtlx_graph *g, int graph, const char *output)
 {
-    if (output) return xml_child(g->tree, graph, "output", output);
+    if (output) return prt_xml_child(g->tree, graph, "output", output);
     for (int i = g->tree->node[graph].child; i != XML_NONE; i = g->tree->node[i].next)
         if (!strcmp(g->tree->node[i].tag, "output")) return i;
     return XML_NONE;
@@ -267,7 +267,7 @@ static bool evaluate(struct mtlx_graph *g, int node, const char *output, int dep
     if (!strcmp(tag, "dotproduct") || !strcmp(tag, "luminance") || !strcmp(tag, "extract"))
         return reduce(g, node, tag, depth + 1, out);
     if (!is_pattern(tag)) return fail_at(g, node);
-    const char *name = xml_attribute(g->tree, node, "name");
+    const char *name = prt_xml_attribute(g->tree, node, "name");
     if (!g->varies[0])
         snprintf(g->varies, sizeof g->varies, "%.40s \"%.40s\"", tag, name ? name : "");
     *out = (struct mtlx_value){.n = 1};

@@ -20,8 +20,8 @@ struct mtlx_value {
     int n;
 };
 /* The value of an <input> element. false: graph->missing has the node that has none. */
-bool mtlx_input(struct mtlx_graph *graph, int input, struct mtlx_value *out);
+bool prt_mtlx_input(struct mtlx_graph *graph, int input, struct mtlx_value *out);
 /* The element that an input refers to by nodename, nodegraph or interfacename, or XML_NONE. */
-int mtlx_source(struct mtlx_graph *graph, int input);
+int prt_mtlx_source(struct mtlx_graph *graph, int input);
 
 #endif

@@ -73,7 +73,7 @@ static void doctype(void *user, const XML_Char *name, const XML_Char *system,
     stop(user, "has a document type, which is not read: remove <!DOCTYPE …>");
 }
 
-void xml_tree_finish(struct xml_tree *tree)
+void prt_xml_tree_finish(struct xml_tree *tree)
 {
     prt_free(tree->node);
     prt_free(tree->text);
@@ -95,8 +95,8 @@ static int parse(const struct prt_context *ctx, const char *what, const char *by
                     XML_ErrorString(XML_GetErrorCode(r->parser)));
 }
 
-int xml_tree_parse(const struct prt_context *ctx, const char *what, const char *bytes, size_t n,
-                   struct xml_tree *out)
+int prt_xml_tree_parse(const struct prt_context *ctx, const char *what, const char *bytes,
+                       size_t n, struct xml_tree *out)
 {
     struct xml_tree tree = {.n = 0};
     // UTF-16 and Latin-1 grow as they become UTF-8; each tag and value adds a 0 byte.
@@ -111,22 +111,22 @@ int xml_tree_parse(const struct prt_context *ctx, const char *what, const char *
                      ? parse(ctx, what, bytes, n, &r)
                      : prt_fail(ctx, PRT_NOMEM, "%s: no memory", what);
     if (r.parser) XML_ParserFree(r.parser);
-    if (status) xml_tree_finish(&tree);
+    if (status) prt_xml_tree_finish(&tree);
     else *out = tree;
     return status;
 }
 
-const char *xml_attribute(const struct xml_tree *tree, int node, const char *name)
+const char *prt_xml_attribute(const struct xml_tree *tree, int node, const char *name)
 {
     for (const char **a = tree->node[node].attribute; *a; a += 2)
         if (!strcmp(*a, name)) return a[1];
     return NULL;
 }
 
-int xml_child(const struct xml_tree *tree, int parent, const char *tag, const char *name)
+int prt_xml_child(const struct xml_tree *tree, int parent, const char *tag, const char *name)
 {
     for (int i = tree->node[parent].child; i != XML_NONE; i = tree->node[i].next) {
-        const char *own = xml_attribute(tree, i, "name");
+        const char *own = prt_xml_attribute(tree, i, "name");
         if ((!tag || !strcmp(tree->node[i].tag, tag)) && own && !strcmp(own, name)) return i;
     }
     return XML_NONE;

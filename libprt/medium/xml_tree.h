@@ -21,12 +21,12 @@ struct xml_tree {
 };
 /* Elements and attributes only. A document type, and with it any entity of the document's own,
  * is refused. PRT_FORMAT, PRT_LIMIT, PRT_NOMEM after a message. */
-int xml_tree_parse(const struct prt_context *ctx, const char *what, const char *bytes, size_t n,
-                   struct xml_tree *out);
-void xml_tree_finish(struct xml_tree *tree);
+int prt_xml_tree_parse(const struct prt_context *ctx, const char *what, const char *bytes,
+                       size_t n, struct xml_tree *out);
+void prt_xml_tree_finish(struct xml_tree *tree);
 /* The attribute's value, or NULL. */
-const char *xml_attribute(const struct xml_tree *tree, int node, const char *name);
+const char *prt_xml_attribute(const struct xml_tree *tree, int node, const char *name);
 /* The child of this tag (NULL: any) and name, or XML_NONE. */
-int xml_child(const struct xml_tree *tree, int parent, const char *tag, const char *name);
+int prt_xml_child(const struct xml_tree *tree, int parent, const char *tag, const char *name);
 
 #endif

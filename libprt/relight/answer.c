@@ -248,7 +248,9 @@ static int contract_group(const struct group *g, const struct prt_tensor *t, flo
     }
     for (unsigned i = 0; i < g->n; i++) light[i] = &g->answer[i]->light;
     *out = *own = prt_alloc(g->n * prt_contracted_light_floats(t), sizeof **own);
-    return *own ? prt_contract_lights(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
+    return *own ? prt_contract_lights(a->ctx, t, g->n, light,
+                                      a->coefficients ? a->coefficients->most_rank : 0, *own)
+                : PRT_NOMEM;
 }
 
 // The factor of every plane; add_tensor says why plane 0 has Y_00.

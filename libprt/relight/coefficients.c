@@ -55,11 +55,11 @@ static int gather_clusters(void *arg, size_t begin, size_t end, unsigned worker)
     float *scratch = prt_alloc(g->scratch, sizeof *scratch);
     if (!scratch) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++) {
-        const struct prt_cluster *c = &t->cluster[i];
-        const uint32_t n = rows_of(c, g->most_rank);
+        struct prt_cluster c = t->cluster[i];
+        const uint32_t n = c.rank = rows_of(&c, g->most_rank); // others were not computed
         const bool dark = g->part->dark && g->part->dark[i];
         const float *in = dark || !n ? NULL
-                                     : prt_fold_cluster(g->kernels, g->part, c, g->n_light,
+                                     : prt_fold_cluster(g->kernels, g->part, &c, g->n_light,
                                                         g->n_plane, scratch);
         for (unsigned l = 0; l < g->n_light; l++)
             for (uint32_t r = 0; r < n; r++) {

@@ -134,9 +134,11 @@ bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, uint32_
                              const float *const coef[], const float most[][4]);
 
 // prt_contract_light for several lights with the results of a row's lights adjacent:
-// out[n_row][light][P][3].
+// out[n_row][light][P][3]. most_rank: only the first rows of each cluster, at most so many, are
+// computed; 0: all.
 int prt_contract_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                        unsigned n_light, const struct prt_light *const light[], float *out);
+                        unsigned n_light, const struct prt_light *const light[],
+                        uint32_t most_rank, float *out);
 
 // A range of one cluster's vertices, at most some thousands, so that threads share the work.
 struct expand_piece {

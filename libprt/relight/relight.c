@@ -121,7 +121,8 @@ struct rows_job {
     const struct integer_lights *integers; // the group's integers
     float *out;
     size_t light_pitch, row_pitch;
-    bool together; // the results of a row's lights are adjacent
+    bool together;      // the results of a row's lights are adjacent
+    uint32_t most_rank; // run_clusters: rows of a cluster
 };
 
 static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
@@ -140,6 +141,18 @@ static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
         job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_pitch,
                                      job->row_pitch, out);
     else job->kernels->diagonal(rows, b, e, job->light, out);
+    return PRT_OK;
+}
+
+// The first most_rank rows of each cluster.
+static int run_clusters(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct rows_job *job = arg;
+    for (size_t i = begin; i < end; i++) {
+        const struct prt_cluster *c = &job->tensor->cluster[i];
+        const uint32_t n = c->rank < job->most_rank ? c->rank : job->most_rank;
+        run_rows(arg, c->row_begin, (size_t)c->row_begin + n, worker);
+    }
     return PRT_OK;
 }
 
@@ -204,10 +217,11 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
     return status;
 }
 
-// out[light][row][..], or out[row][light][..] when `together`.
+// out[light][row][..], or out[row][light][..] when `together`. most_rank: 0: all rows; others
+// than the first most_rank of a cluster are left as they are.
 static int contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
                     unsigned n_light, const struct prt_light *const light[], bool together,
-                    float *out)
+                    uint32_t most_rank, float *out)
 {
     int status = check_lights(ctx, tensor, n_light, light);
     if (status) return status;
@@ -221,20 +235,25 @@ static int contract(const struct prt_context *ctx, const struct prt_tensor *tens
                            .out = out,
                            .light_pitch = together ? width : rows->n_row * width,
                            .row_pitch = together ? n_light * width : width,
-                           .together = together};
+                           .together = together,
+                           .most_rank = most_rank};
+    if (most_rank)
+        return for_groups(ctx, tensor, n_light, light, tensor->n_cluster, 1, run_clusters,
+                          &job);
     return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
 }
 
 int prt_contract_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                        unsigned n_light, const struct prt_light *const light[], float *out)
+                        unsigned n_light, const struct prt_light *const light[],
+                        uint32_t most_rank, float *out)
 {
-    return contract(ctx, tensor, n_light, light, n_light > 1, out);
+    return contract(ctx, tensor, n_light, light, n_light > 1, most_rank, out);
 }
 
 int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
                        unsigned n_light, const struct prt_light *const light[], float *out)
 {
-    return contract(ctx, tensor, n_light, light, false, out);
+    return contract(ctx, tensor, n_light, light, false, 0, out);
 }
 
 struct material_job {
@@ -449,7 +468,7 @@ static int factored_colors(const struct prt_context *ctx, const struct prt_tenso
     size_t wide = n_row * (full ? 3 * (size_t)tensor->n_function : width);
     float *b = prt_alloc(wide * n_light + 1, sizeof *b), *folded = NULL;
     const bool together = !full && n_light > 2;
-    int status = b ? contract(ctx, tensor, n_light, light, together, b)
+    int status = b ? contract(ctx, tensor, n_light, light, together, 0, b)
                    : prt_fail(ctx, PRT_NOMEM, "no memory to relight");
     if (!status && full) {
         folded = prt_alloc(n_row * width * n_light + 1, sizeof *folded);

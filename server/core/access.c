@@ -190,6 +190,38 @@ bool access_is_current(const struct access *access, const struct caller *caller)
     return token && !token->pending && !expired(token);
 }
 
+static void sign(const struct token *token, const char *text, char out[44])
+{
+    uint8_t mac[crypto_auth_hmacsha256_BYTES];
+    _Static_assert((int)crypto_auth_hmacsha256_KEYBYTES == (int)TOKEN_HASH, "the key");
+    crypto_auth_hmacsha256(mac, (const uint8_t *)text, strlen(text), token->hash);
+    sodium_bin2base64(out, 44, mac, sizeof mac, sodium_base64_VARIANT_URLSAFE_NO_PADDING);
+}
+
+bool access_sign(const struct access *access, const struct caller *caller, const char *text,
+                 char out[44])
+{
+    const struct token *token = token_of(access, caller->name);
+    if (!token || token->pending) return false;
+    sign(token, text, out);
+    return true;
+}
+
+bool access_signature_is(const struct access *access, const char *name, const char *text,
+                         const char *signature, struct caller *out)
+{
+    char principal[96], right[44];
+    if (strlen(name) >= TOKEN_NAME || strlen(signature) != sizeof right - 1) return false;
+    snprintf(principal, sizeof principal, "%s%s", token_prefix, name);
+    const struct token *token = token_of(access, principal);
+    if (!token || token->pending || expired(token)) return false;
+    sign(token, text, right);
+    if (sodium_memcmp(right, signature, sizeof right - 1)) return false;
+    *out = (struct caller){.scopes = token->scopes & SCOPE_VIEW, .expires_s = token->expires_s};
+    snprintf(out->name, sizeof out->name, "%s", principal);
+    return true;
+}
+
 bool access_take_request(struct access *access, const struct caller *caller, uint32_t *retry_ms)
 {
     struct token *t = token_of(access, caller->name);

@@ -69,6 +69,15 @@ bool is_guest(const char *principal);
 void access_set_guests(struct access *access, access_guest_fn check,
                        bool (*current)(void *user, const char *principal), void *user);
 
+/* Signs a text with the caller's token: HMAC-SHA-256 with the token's hash as its key, in
+ * base64url; out has 44 bytes. False: the caller has no token. */
+bool access_sign(const struct access *access, const struct caller *caller, const char *text,
+                 char out[44]);
+/* Whether that is the signature of a text by the token of this name, which is valid. *out is
+ * then the token with the scope `view` at most. */
+bool access_signature_is(const struct access *access, const char *token, const char *text,
+                         const char *signature, struct caller *out);
+
 /* Takes one request from the caller's quota of requests a second. A second's requests may come
  * at once, and ACCESS_BURST of a slower rate. False: none is left, and one is in *retry_ms. */
 enum { ACCESS_BURST = 10 };

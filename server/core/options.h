@@ -29,8 +29,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Folder of the page, static files that HTTP serves at /. Empty: share/relight/page "     \
       "beside the folder of this program")                                                     \
     X(TEXT, origins, "origins", "LIST", "",                                                    \
-      "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
-      "own; * for all")                                                                        \
+      "Web origins, comma-separated, that may open the WebSocket and read answers of the "     \
+      "API besides the page's own, such as https://shop.example for a shop that embeds "       \
+      "the viewer; * for all. Signed links to pictures need none")                             \
     X(TEXT, hosts, "hosts", "LIST", "",                                                        \
       "Host names, comma-separated, that HTTP requests may name besides loopback "             \
       "names and the address it listens on; requests for other hosts are refused; * "          \
@@ -86,8 +87,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                     \
       "Time limit of one bake; the daemon then stops it. 0: no limit")                         \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                  \
-      "Memory for open baked transport; beyond it the least recently used model is "           \
-      "unloaded")                                                                              \
+      "Memory for open baked transport, in use and pinned models included; beyond it the "     \
+      "least recently used model is unloaded, and others wait for one in use. A model above "  \
+      "it is open alone")                                                                      \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                    \
       "Memory for decoded environments, lights, visibility buffers and colours that "          \
       "are kept for reuse")                                                                    \

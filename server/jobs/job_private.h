@@ -45,6 +45,9 @@ struct jobs {
 
 void job_free(struct job *job);
 void job_free_order(struct job_order *order);
+/* The fraction [0,1] of the whole bake at `fraction` of one of its stages, from the fraction
+ * before: it never falls, and a stage of another name leaves it. */
+double job_overall(const char *stage, double fraction, double before);
 /* Seconds that it ran. */
 double job_elapsed_s(const struct job *job);
 /* Writes the job's record, behind earlier file operations; nothing with a temporary folder. */

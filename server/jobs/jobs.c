@@ -33,7 +33,7 @@ static const struct {
     {"single", 0.55, 0.85}, {"measuring", 0.85, 0.99}, {"reference", 0.85, 0.99},
 };
 
-static double overall(const char *stage, double fraction, double before)
+double job_overall(const char *stage, double fraction, double before)
 {
     for (size_t i = 0; i < sizeof stages / sizeof *stages; i++)
         if (!strncmp(stage, stages[i].stage, strlen(stages[i].stage))) {
@@ -183,7 +183,7 @@ static void on_progress(void *user, const char *stage, double fraction, double e
     struct job *job = user;
     bool fresh = strcmp(job->stage, stage) != 0;
     snprintf(job->stage, sizeof job->stage, "%s", stage);
-    job->fraction = overall(stage, fraction, job->fraction);
+    job->fraction = job_overall(stage, fraction, job->fraction);
     double elapsed = (double)(loop_now_ns() - job->started_ns) * 1e-9;
     job->eta_s = job->fraction > 0.03 ? elapsed * (1 - job->fraction) / job->fraction : eta_s;
     tell_all(job, fresh);

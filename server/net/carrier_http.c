@@ -17,6 +17,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -50,14 +51,18 @@ struct server *http_server(struct lws *wsi)
 
 // Allows an upgrade to WebSocket on /ws with subprotocol relight.v1 only. libwebsockets chooses
 // among the subprotocols that the client names; on_page and on_loop refuse their own.
-static int confirm_upgrade(struct lws *wsi, const char *to)
+static int confirm_upgrade(struct lws *wsi)
 {
-    char path_room[16], protocol_room[128];
+    char path_room[16], protocol_room[128], to_room[32];
+    // Not the text that libwebsockets passes: after an upgrade that it does not know it has
+    // answered already, and its headers are freed.
+    const char *to = http_header(wsi, WSI_TOKEN_UPGRADE, to_room, sizeof to_room);
+    if (to && !*to) return -1;
     const char *path = http_header(wsi, WSI_TOKEN_GET_URI, path_room, sizeof path_room);
     const char *names =
         http_header(wsi, WSI_TOKEN_PROTOCOL, protocol_room, sizeof protocol_room);
-    if (!strcmp(to, "websocket") && path && !strcmp(path, "/ws") && names &&
-        strstr(names, SUBPROTOCOL) && http_admitted(wsi))
+    if (to && !strcasecmp(to, "websocket") && path && !strcmp(path, "/ws") && names &&
+        strstr(names, SUBPROTOCOL) && http_admitted(wsi, false))
         return 0;
     lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
     return -1;
@@ -67,7 +72,7 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
 
 static int filter_request(struct lws *wsi)
 {
-    if (http_admitted(wsi)) return 0;
+    if (http_admitted(wsi, true)) return 0;
     lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
     return 1;
 }
@@ -130,7 +135,7 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
     case LWS_CALLBACK_FILTER_HTTP_CONNECTION:
         return filter_request(wsi);
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
-        return confirm_upgrade(wsi, in);
+        return confirm_upgrade(wsi);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
         return -1; // a WebSocket without subprotocol relight.v1
     case LWS_CALLBACK_HTTP:

@@ -100,6 +100,7 @@ ROW(room_edit_request, op_room_edit, GUEST, VIEW, 0, NULL)
 ROW(room_picture_request, op_room_picture, GUEST, VIEW, 0, NULL)
 ROW(room_presence_request, NULL, ALWAYS, 0, 0, NULL, take_room_presence)
 ROW(room_backup_request, op_room_backup, 0, ADMIN, 0, NULL)
+ROW(sign_request, op_sign, 0, VIEW, 0, NULL)
 ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {

@@ -69,6 +69,7 @@ void op_cancel(struct request *request);
 void op_info(struct request *request);
 void op_geometry(struct request *request);
 void op_factors(struct request *request);
+void op_sign(struct request *request);
 void op_colors(struct request *request);
 void op_image(struct request *request);
 void op_view_open(struct request *request);

@@ -8,6 +8,7 @@
 #include "net/http_problem.h"
 #include "net/listener.h"
 #include "net/message_text.h"
+#include "net/signed_url.h"
 #include "net/upload.h"
 #include "net/web_caller.h"
 #include "relight.pb-c.h"
@@ -17,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <time.h>
 
 static const uint64_t BEAT_NS = 15000000000u; // between two comments of a silent stream
 
@@ -43,8 +45,8 @@ static void closed(struct connection *conn)
     struct exchange *x = conn->carrier_data;
     x->conn = NULL;
     stop_watching(x);
-    ledger_give(conn->principal, LEDGER_PAYLOAD, x->json_charged);
-    x->json_charged = 0;
+    ledger_give(conn->principal, LEDGER_PAYLOAD, x->json_charged + x->kept_charged);
+    x->json_charged = x->kept_charged = 0;
     if (x->broken) return;
     x->broken = true;
     lws_set_timeout(x->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
@@ -365,6 +367,35 @@ static bool identify(struct exchange *x, struct caller *caller, struct http_prob
     return false;
 }
 
+// A request with a signature has the rights of its link and no others.
+static bool identify_link(struct exchange *x, struct caller *caller,
+                          struct http_problem *problem)
+{
+    const char *method = x->head.method, *expires = http_parameter(&x->head, "expires");
+    struct accepted from = {0};
+    uint32_t retry_ms = 0;
+    bool reads = !strcmp(method, "GET") || !strcmp(method, "HEAD");
+    bool fine = x->route && x->route->signable && reads;
+    if (!fine)
+        http_refuse(problem, 403, "forbidden", "signed links are for pictures of models alone");
+    fine = fine && signed_url_caller(x->server->access, &x->head, caller, problem);
+    if (fine && !access_take_request(x->server->access, caller, &retry_ms)) {
+        fine = false;
+        http_refuse(problem, 429, "busy",
+                    "the link's token has used up its quota of requests a second (--rate)");
+        problem->retry_after_ms = retry_ms;
+    }
+    if (fine) {
+        x->link_s = strtoull(expires, NULL, 10) - (uint64_t)time(NULL);
+        exchange_field(x, "cross-origin-resource-policy:", "cross-origin");
+        return true;
+    }
+    accepted_describe(lws_get_socket_fd(x->wsi), &from);
+    log_line(LOG_EVENT, "audit act=refused who=%s peer=%s link=%s http=%d text=\"%s\"",
+             from.who, from.peer, x->head.path, problem->status, problem->detail);
+    return false;
+}
+
 static bool open_connection(struct exchange *x, const struct caller *caller,
                             struct http_problem *problem)
 {
@@ -428,13 +459,44 @@ static bool read_deadline(struct exchange *x, struct http_problem *problem)
     return false;
 }
 
+// A page of an origin that was admitted may read the answers of the API (CORS).
+static void allow_origin(struct exchange *x)
+{
+    char room[300];
+    const char *origin = http_header(x->wsi, WSI_TOKEN_ORIGIN, room, sizeof room);
+    if (strncmp(x->head.path, "/v1/", 4) || !origin || !*origin) return;
+    exchange_field(x, "vary:", "origin");
+    exchange_field(x, "access-control-allow-origin:", "%s", origin);
+    exchange_field(x, "access-control-expose-headers:", "*");
+}
+
+// What a browser asks before a request with a token or a body.
+static bool preflight(struct exchange *x)
+{
+    char room[8];
+    const char *origin = http_header(x->wsi, WSI_TOKEN_ORIGIN, room, sizeof room);
+    if (strcmp(x->head.method, "OPTIONS") || strncmp(x->head.path, "/v1/", 4) ||
+        (origin && !*origin))
+        return false;
+    exchange_field(x, "access-control-allow-methods:", "GET, HEAD, POST, PUT, DELETE");
+    exchange_field(x, "access-control-allow-headers:",
+                   "authorization, content-type, if-none-match, last-event-id, x-request-id");
+    exchange_field(x, "access-control-max-age:", "600");
+    exchange_answer(x, 204, "text/plain", NULL, 0, NULL);
+    return true;
+}
+
 static bool prepare(struct exchange *x, struct http_problem *problem)
 {
+    allow_origin(x);
     x->route = route_find(x, problem);
     struct caller caller;
     struct http_problem stranger;
     http_parameter(&x->head, "token"); // known everywhere
-    if (!(x->route && x->route->open) && !identify(x, &caller, &stranger)) {
+    if (preflight(x)) return true;
+    bool link = http_parameter(&x->head, "sig") != NULL;
+    if (link ? !identify_link(x, &caller, &stranger)
+             : !(x->route && x->route->open) && !identify(x, &caller, &stranger)) {
         *problem = stranger;
         return false;
     }
@@ -536,6 +598,7 @@ struct exchange *exchange_begin(struct lws *wsi, struct server *server)
     x->close_after = !fine;
     if (!fine || !prepare(x, &problem)) {
         if (!x->status) exchange_refuse(x, &problem);
+    } else if (x->complete) { // a preflight
     } else if (x->route->type && x->head.has_body) {
         upload_begin(x);
     } else if (x->route->type) {
@@ -552,6 +615,7 @@ struct exchange *exchange_begin(struct lws *wsi, struct server *server)
 bool exchange_receive(struct exchange *x, const void *bytes, size_t n)
 {
     if (x->broken) return false;
+    if (x->head.chunked) return upload_receive_chunked(x, bytes, n);
     x->body_at += n;
     if (x->complete || x->body_at > x->head.body_size) return true; // it is being answered
     upload_receive(x, bytes, n);

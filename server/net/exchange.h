@@ -8,6 +8,7 @@
 #define RELIGHTD_EXCHANGE_H
 
 #include "core/work.h"
+#include "net/chunked.h"
 #include "net/http_head.h"
 #include "net/request.h"
 
@@ -38,6 +39,7 @@ struct route {
     bool open;      /* answered without a token */
     bool any_query; /* parameters that it does not know are ignored: links get marks of mailers
                      */
+    bool signable;  /* a signed link may name it */
 };
 
 struct exchange {
@@ -63,7 +65,10 @@ struct exchange {
     uint64_t json_charged, body_at; /* bytes of the body that came */
     uint8_t *chunk;
     size_t chunk_at, chunk_size;
-    unsigned n_flying; /* chunks without an answer */
+    struct chunked
+        framing; /* of a chunked body, which is kept in `chunk` until it is complete */
+    uint64_t kept_charged; /* of PAYLOAD, for it */
+    unsigned n_flying;     /* chunks without an answer */
     bool storing, reading, broken;
     bool received; /* libwebsockets said that the request is complete */
 
@@ -76,6 +81,7 @@ struct exchange {
     bool streaming, complete, head_sent, close_after;
     struct payload plain;   /* what there is to send without a connection */
     unsigned n_event;       /* of a stream of events */
+    uint64_t link_s;        /* a signed link: how long it is still valid */
     struct loop_watch peer; /* fd 0: not watched */
     struct loop_timer beat; /* of a stream: keeps proxies and finds dead peers */
 };

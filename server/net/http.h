@@ -24,8 +24,9 @@ const char *http_header(struct lws *wsi, enum lws_token_indexes token, char *out
  */
 const char *http_custom_header(struct lws *wsi, const char *name, char *out, size_t room);
 /* Checks Host and Origin (net/web_access.h), and logs a refusal. Browsers send both with every
- * request that can change something. */
-bool http_admitted(struct lws *wsi);
+ * request that can change something. link: a GET with a signature may come from any page; its
+ * signature is checked later, whatever else would admit the request. */
+bool http_admitted(struct lws *wsi, bool link);
 
 /* A WebSocket client; conn NULL: the daemon closed it, and the socket closes next. */
 struct websocket {

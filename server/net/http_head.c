@@ -63,7 +63,15 @@ static void local_address(struct lws *wsi, char *out, size_t room)
         *out = 0;
 }
 
-bool http_admitted(struct lws *wsi)
+static bool has_signature(struct lws *wsi)
+{
+    char room[64];
+    return (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) ||
+            lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI)) &&
+           lws_get_urlarg_by_name(wsi, "sig=", room, sizeof room);
+}
+
+bool http_admitted(struct lws *wsi, bool link)
 {
     char host_room[300], origin_room[300], site[32], mode[32], local[64];
     const char *host = http_header(wsi, WSI_TOKEN_HOST, host_room, sizeof host_room);
@@ -78,6 +86,7 @@ bool http_admitted(struct lws *wsi)
     if (origin_fine && origin && !*origin && from && !strcmp(from, "cross-site") &&
         (!how || strcmp(how, "navigate")))
         origin_fine = false;
+    origin_fine |= host_fine && link && has_signature(wsi);
     if (host_fine && origin_fine) return true;
     log_line(LOG_WARN, "http refused host=\"%.100s\" origin=\"%.100s\"; --%s allows it",
              host ? host : "(unreadable)", origin ? origin : "(unreadable)",
@@ -161,6 +170,27 @@ const char *http_parameter(struct http_head *head, const char *name)
 
 // ---- headers
 
+// Both lengths at once are how requests are smuggled past a proxy.
+static bool read_chunked(struct lws *wsi, struct http_head *head, const char *length,
+                         struct http_problem *problem)
+{
+    char coding[24];
+    const char *said =
+        http_header(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING, coding, sizeof coding);
+    if (*length) {
+        http_refuse(problem, 400, "bad_request",
+                    "a body has Content-Length or Transfer-Encoding, not both");
+        return false;
+    }
+    if (!said || strcasecmp(said, "chunked")) {
+        http_refuse(problem, 501, "unsupported", "Transfer-Encoding: only chunked is taken");
+        return false;
+    }
+    head->chunked = head->unframed = head->has_body = true;
+    head->body_size = UINT64_MAX;
+    return true;
+}
+
 static bool read_length(struct lws *wsi, struct http_head *head, struct http_problem *problem)
 {
     char text[24];
@@ -169,19 +199,17 @@ static bool read_length(struct lws *wsi, struct http_head *head, struct http_pro
     bool sends = !strcmp(head->method, "POST") || !strcmp(head->method, "PUT");
     if (!length || strspn(text, "0123456789") != strlen(text) || strlen(text) > 15) {
         http_refuse(problem, 400, "bad_request", "Content-Length is not a number of bytes");
-    } else if (chunked) {
-        http_refuse(problem, 411, "bad_request",
-                    "a body needs Content-Length: chunked bodies are not taken");
-        snprintf(problem->hint, sizeof problem->hint,
-                 "send a file, not a pipe: curl --data-binary @FILE or -T FILE");
-    } else {
+        return false;
+    }
+    if (chunked && !read_chunked(wsi, head, text, problem)) return false;
+    if (!chunked) {
         // Without a length there is no body, but libwebsockets waits for one.
         head->unframed = sends && !*text;
         head->body_size = strtoull(text, NULL, 10);
         head->has_body = head->body_size > 0;
-        if (!head->has_body || sends) return true;
-        http_refuse(problem, 400, "bad_request", "%s has no body", head->method);
     }
+    if (!head->has_body || sends) return true;
+    http_refuse(problem, 400, "bad_request", "%s has no body", head->method);
     return false;
 }
 

@@ -44,7 +44,8 @@ struct http_head {
     bool has_body, expects_continue;
     bool unreadable_authorization;
     bool unframed;      /* no other request can follow on this socket */
-    uint64_t body_size; /* Content-Length */
+    bool chunked;       /* the body is framed by chunks */
+    uint64_t body_size; /* Content-Length; of a chunked body UINT64_MAX until it is complete */
 };
 
 /* Fills *head from the request that libwebsockets has just read. False: *problem says why. */

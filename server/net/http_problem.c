@@ -54,12 +54,12 @@ static const char *title_of(int status)
                   {404, "Not Found"},
                   {405, "Method Not Allowed"},
                   {409, "Conflict"},
-                  {411, "Length Required"},
                   {413, "Content Too Large"},
                   {415, "Unsupported Media Type"},
                   {422, "Unprocessable Content"},
                   {429, "Too Many Requests"},
                   {500, "Internal Server Error"},
+                  {501, "Not Implemented"},
                   {503, "Service Unavailable"},
                   {504, "Gateway Timeout"}};
     for (size_t i = 0; i < sizeof titles / sizeof *titles; i++)

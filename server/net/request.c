@@ -215,6 +215,13 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
     struct connection *conn = request->conn;
     uint16_t type = request->type | RELIGHT_TYPE_ANSWER;
     uint64_t id = request->id;
+    // The timer's turn comes after the answers of this turn of the loop.
+    if (request->deadline.armed && loop_now_ns() >= request->deadline.at_ns) {
+        if (payload && payload->release) payload->release(payload->owner);
+        request->server->stats.deadline_total++;
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_DEADLINE, "the deadline passed");
+        return;
+    }
     size_t header = protobuf_c_message_get_packed_size(message);
     if (header > SERVER_MAX_ANSWER_HEADER) {
         if (payload && payload->release) payload->release(payload->owner);

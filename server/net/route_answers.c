@@ -36,6 +36,8 @@ void answer_load(struct exchange *x, const ProtobufCMessage *message, bool last,
     exchange_json(x, in->job[0] ? 202 : 200, message);
 }
 
+enum { LINK_CACHED_S = 300 }; // that a signed picture is kept without asking
+
 // An entity tag is of the bytes: it holds for as long as the answer is the same.
 static bool is_known(struct exchange *x, const struct payload *payload)
 {
@@ -44,7 +46,11 @@ static bool is_known(struct exchange *x, const struct payload *payload)
     snprintf(tag, sizeof tag, "\"%016llx%016llx\"", (unsigned long long)hash.high64,
              (unsigned long long)hash.low64);
     exchange_field(x, "etag:", "%s", tag);
-    exchange_field(x, "cache-control:", "private, no-cache");
+    // The same link is the same picture until the model changes.
+    if (x->link_s)
+        exchange_field(x, "cache-control:", "public, max-age=%u",
+                       (unsigned)(x->link_s < LINK_CACHED_S ? x->link_s : LINK_CACHED_S));
+    else exchange_field(x, "cache-control:", "private, no-cache");
     return strstr(x->head.none_match, tag) || !strcmp(x->head.none_match, "*");
 }
 

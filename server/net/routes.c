@@ -115,13 +115,18 @@ static int set_size(ProtobufCMessage *message, const char *path, const char *tex
     return -1;
 }
 
-// The hash of an upload stands for env:HASH.
+// The hash of an upload stands for env:HASH, another word for name:WORD.
 static int set_env(ProtobufCMessage *message, const char *path, const char *text,
                    char error[MESSAGE_TEXT_ERROR])
 {
-    char named[80];
-    snprintf(named, sizeof named, "env:%.70s", text);
-    return message_set(message, path, relight_hash_valid(text) ? named : text, error);
+    char named[300];
+    bool whole = strchr(text, ':') || !strcmp(text, "constant");
+    snprintf(named, sizeof named, "%s%.250s",
+             whole                      ? ""
+             : relight_hash_valid(text) ? "env:"
+                                        : "name:",
+             text);
+    return message_set(message, path, named, error);
 }
 
 // "R,G,B" is a plain background, "transparent" none.
@@ -365,11 +370,11 @@ static const struct route routes[] = {
     {"POST", "/v1/models", BODY_FILE_OR_JSON, RELIGHT_TYPE_LOAD, prepare_load, add_model_file,
      answer_load, false},
     {"GET", "/v1/models/*/image.*", BODY_NONE, RELIGHT_TYPE_IMAGE, prepare_image, NULL,
-     answer_image, false},
+     answer_image, false, false, true},
     {"POST", "/v1/models/*/image.*", BODY_FILE_OR_JSON, RELIGHT_TYPE_IMAGE, prepare_image,
      add_light, answer_image, false},
     {"GET", "/v1/models/*/image", BODY_NONE, RELIGHT_TYPE_IMAGE, prepare_image, NULL,
-     answer_image, false},
+     answer_image, false, false, true},
     {"POST", "/v1/models/*/image", BODY_FILE_OR_JSON, RELIGHT_TYPE_IMAGE, prepare_image,
      add_light, answer_image, false},
     {"GET", "/v1/models/*/colors.*", BODY_NONE, RELIGHT_TYPE_COLORS, prepare_colors, NULL,

@@ -37,7 +37,9 @@ bool upload_check(struct exchange *x, struct http_problem *problem)
         return false;
     }
     if (json) most = EXCHANGE_JSON;
-    if (size > most) {
+    if (x->head.chunked) {
+        if (json) size = most;
+    } else if (size > most) {
         http_refuse(problem, 413, "limit",
                     "the body has %llu bytes, and at most %llu are taken",
                     (unsigned long long)size, (unsigned long long)most);
@@ -182,6 +184,117 @@ static void run_json(struct exchange *x)
     }
 }
 
+// ---- chunked bodies
+
+static void give_kept(struct exchange *x)
+{
+    if (x->conn) ledger_give(x->conn->principal, LEDGER_PAYLOAD, x->kept_charged);
+    x->kept_charged = 0;
+}
+
+static void refuse_long(struct exchange *x, uint64_t most)
+{
+    struct http_problem problem;
+    http_refuse(&problem, 413, "limit", "a chunked body has at most %llu bytes here",
+                (unsigned long long)most);
+    snprintf(problem.hint, sizeof problem.hint,
+             "send a longer one with Content-Length: curl -T FILE, or --data-binary @FILE");
+    problem.ranged = true;
+    problem.maximum = (double)most;
+    exchange_refuse(x, &problem);
+}
+
+// Doubles the room for the body, which is charged before it is allocated.
+static bool more_room(struct exchange *x, size_t wanted)
+{
+    uint64_t most = x->server->options.max_blob;
+    size_t room = x->chunk_size ? x->chunk_size : 64 << 10;
+    char error[256];
+    if (most > UPLOAD_KEPT) most = UPLOAD_KEPT;
+    if (wanted > most) {
+        refuse_long(x, most);
+        return false;
+    }
+    while (room < wanted) room *= 2;
+    if (ledger_take(x->conn->principal, LEDGER_PAYLOAD, room - x->kept_charged, error)) {
+        refuse_as(x, RELIGHT__ERROR_CODE__ERROR_BUSY, error);
+        return false;
+    }
+    x->kept_charged = room;
+    uint8_t *fresh = aligned_alloc(RELIGHT_FRAME_ALIGN, room);
+    if (!fresh) {
+        refuse_as(x, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return false;
+    }
+    if (x->chunk_at) memcpy(fresh, x->chunk, x->chunk_at);
+    free(x->chunk);
+    x->chunk = fresh;
+    x->chunk_size = room;
+    return true;
+}
+
+static bool keep_data(struct exchange *x, const char *data, size_t n)
+{
+    if (x->json && x->body_at + n > EXCHANGE_JSON) {
+        refuse_long(x, EXCHANGE_JSON);
+        return false;
+    }
+    if (x->json) memcpy(x->json + x->body_at, data, n);
+    else if (x->chunk_at + n > x->chunk_size && !more_room(x, x->chunk_at + n)) return false;
+    else memcpy(x->chunk + x->chunk_at, data, n);
+    if (!x->json) x->chunk_at += n;
+    // Each part of this size has --frame-time.
+    if (x->body_at / SERVER_CHUNK < (x->body_at + n) / SERVER_CHUNK)
+        connection_part_begins(x->conn);
+    x->body_at += n;
+    return true;
+}
+
+// The size is known: the body goes its way as one of Content-Length does.
+static void run_chunked(struct exchange *x)
+{
+    size_t n = x->chunk_at;
+    x->head.body_size = x->body_at;
+    connection_part_ends(x->conn, (size_t)x->body_at);
+    if (x->json) {
+        run_json(x);
+    } else if (!n) {
+        refuse_as(x, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "the body is empty");
+    } else {
+        struct relight_frame frame = {.type = RELIGHT_TYPE_PUT_BLOB, .payload_size = n};
+        give_kept(x);
+        if (!request_admit(x->conn, &frame)) {
+            int code = x->conn->refusal.code;
+            x->conn->refusal.code = 0;
+            refuse_as(x, code, x->conn->refusal.text);
+            return;
+        }
+        x->chunk_size = n;
+        send_chunk(x, n);
+    }
+}
+
+bool upload_receive_chunked(struct exchange *x, const char *bytes, size_t n)
+{
+    const char *data;
+    struct http_problem problem;
+    if (x->complete || x->framing.done || !x->conn) return true; // it is being answered
+    if (!x->conn->frame_ns) connection_part_begins(x->conn);
+    for (size_t k; (k = chunked_next(&x->framing, &bytes, &n, &data));)
+        if (!keep_data(x, data, k)) return !x->broken;
+    if (x->framing.wrong) {
+        http_refuse(&problem, 400, "bad_request", "the body's chunks are not well-formed");
+        exchange_refuse(x, &problem);
+    } else if (x->framing.done) {
+        run_chunked(x);
+        // libwebsockets knows no end of it.
+        if (!x->broken && !x->received) return exchange_received(x);
+    }
+    return !x->broken;
+}
+
+// ---- bytes, and the end
+
 void upload_receive(struct exchange *x, const void *bytes, size_t n)
 {
     if (x->storing) {
@@ -197,7 +310,8 @@ void upload_receive(struct exchange *x, const void *bytes, size_t n)
 
 void upload_end(struct exchange *x)
 {
-    bool chunk = x->chunk != NULL;
+    bool chunk = x->chunk != NULL && !x->head.chunked;
+    give_kept(x);
     free(x->chunk);
     free(x->json);
     x->chunk = NULL;

@@ -13,6 +13,10 @@
 bool upload_check(struct exchange *x, struct http_problem *problem);
 void upload_begin(struct exchange *x);
 void upload_receive(struct exchange *x, const void *bytes, size_t n);
+/* Bytes of a chunked body, with its framing. Its size is known at its end only: it is kept
+ * until then, up to UPLOAD_KEPT bytes. False: the socket is to be closed. */
+enum { UPLOAD_KEPT = 48 << 20 };
+bool upload_receive_chunked(struct exchange *x, const char *bytes, size_t n);
 /* A chunk was written. */
 void upload_answered(struct exchange *x, const Relight__PutBlobAnswer *answer);
 /* Reads from the socket, or not. */

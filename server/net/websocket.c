@@ -134,7 +134,7 @@ int websocket_event(struct lws *wsi, enum lws_callback_reasons reason, void *use
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: {
         char room[16];
         const char *path = http_header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
-        return path && !strcmp(path, "/ws") && http_admitted(wsi) ? 0 : -1;
+        return path && !strcmp(path, "/ws") && http_admitted(wsi, false) ? 0 : -1;
     }
     case LWS_CALLBACK_ESTABLISHED:
         *s = (struct websocket){.wsi = wsi, .paused.fire = ws_go_on};

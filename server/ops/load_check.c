@@ -139,7 +139,7 @@ bool load_check_env(struct load *load)
     const Relight__LoadRequest *r = load_message(load);
     char error[300];
     if (!r->bake || !r->bake->env[0]) return true;
-    int code = env_canonical(r->bake->env, load->env, error);
+    int code = env_of_request(load->request, r->bake->env, load->env, error);
     if (!code && !strncmp(load->env, "env:", 4) &&
         !blobs_has(load->server->blobs, load->env + 4)) {
         code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;

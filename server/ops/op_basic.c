@@ -26,9 +26,9 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "coefficients", "error-range", "events",      "get-blob", "goaway",
-        "poses",        "rooms",       "run",         "textures", "tokens",
-        "view-ack",     "view-equal",  "view-fields",
+        "coefficients", "env-cube", "error-range", "events",     "get-blob",
+        "goaway",       "poses",    "rooms",       "run",        "sign",
+        "textures",     "tokens",   "view-ack",    "view-equal", "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;

@@ -4,6 +4,7 @@
 #include "store/models.h"
 #include "render/render.h"
 #include "net/request_wait.h"
+#include "prt/picture.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -121,12 +122,29 @@ struct env_job {
     char env[96];
     bool was_ready;
     float mean[3];
+    uint32_t cube_n; // of the texels that the client wants; 0: none
+    uint32_t *texel; // RGB9E5 [6][cube_n][cube_n]
 };
 
 static void end_env_job(struct env_job *job)
 {
     cache_release(job->wait.entry);
+    free(job->texel);
     free(job);
+}
+
+// The environment as a cube in the payload's encoding.
+static int encode_cube(struct env_job *job, const struct decoded_env *d,
+                       const struct prt_context *ctx)
+{
+    struct prt_cube cube;
+    size_t n = (size_t)6 * job->cube_n * job->cube_n;
+    int status = prt_env_to_cube(ctx, &d->env, job->cube_n, 0, &cube);
+    if (status) return status;
+    job->texel = malloc(n * sizeof *job->texel);
+    if (job->texel) prt_encode_rgb9e5(ctx, cube.texel, n, job->texel);
+    prt_cube_finish(&cube);
+    return job->texel ? PRT_OK : PRT_NOMEM;
 }
 
 static int run_mean(struct work *work, const struct prt_context *ctx)
@@ -145,7 +163,7 @@ static int run_mean(struct work *work, const struct prt_context *ctx)
     }
     for (int c = 0; c < 3; c++) job->mean[c] = (float)(sum[c] / weight);
     prt_cube_finish(&cube);
-    return PRT_OK;
+    return job->cube_n ? encode_cube(job, d, ctx) : PRT_OK;
 }
 
 static void mean_known(struct request_wait *wait, struct request *request)
@@ -168,7 +186,11 @@ static void mean_known(struct request_wait *wait, struct request *request)
         mean.y = job->mean[1];
         mean.z = job->mean[2];
         out.mean = &mean;
-        request_answer(request, &out.base, NULL);
+        out.cube_n = job->cube_n;
+        struct payload texels = {job->texel, (size_t)24 * job->cube_n * job->cube_n, job->texel,
+                                 free};
+        job->texel = NULL;
+        request_answer(request, &out.base, out.cube_n ? &texels : NULL);
     }
     end_env_job(job);
 }
@@ -188,8 +210,14 @@ void op_env(struct request *request)
 {
     const Relight__EnvRequest *in = (const Relight__EnvRequest *)request->message;
     char error[300], env[96];
+    if (in->cube_n && (in->cube_n < 16 || in->cube_n > 256 || in->cube_n & (in->cube_n - 1))) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
+                     "cube_n %u is not 16, 32, 64, 128 or 256", in->cube_n);
+        return;
+    }
     struct env_job *job = calloc(1, sizeof *job);
-    int code = job ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    int code = job ? env_of_request(request, in->env, env, error)
+                   : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     struct cache_entry *entry = NULL;
     if (job && !code) entry = env_get(request->server, env, &code, error);
     if (!job || !entry) {
@@ -198,6 +226,7 @@ void op_env(struct request *request)
         return;
     }
     snprintf(job->env, sizeof job->env, "%s", env);
+    job->cube_n = in->cube_n;
     job->was_ready = entry->state == CACHE_READY;
     request_await_entry(request, &job->wait, entry, env_ready);
 }

@@ -103,6 +103,10 @@ int render_spec_pose(struct render_spec *spec, const struct model *model, const 
                      char error[300]);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
+/* The same for the client of a request: "name:WORD" is the image that it uploaded under that
+ * file name, which may lack its ending. */
+int env_of_request(const struct request *request, const char *env, char out[96],
+                   char error[300]);
 
 struct render_result {
     int code; /* 0, or a Relight__ErrorCode with `error` */

@@ -97,7 +97,7 @@ static int parse_gain(struct render_light *out, const Relight__Light *in, unsign
 }
 
 static int parse_light(struct render_light *out, const Relight__Light *in, unsigned index,
-                       char error[300])
+                       const struct request *request, char error[300])
 {
     *out = (struct render_light){.cube_n = in->cube_n};
     if (!in->cube_n == !in->env[0])
@@ -109,7 +109,7 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
     int code = parse_rotation(out, in, index, error);
     if (!code) code = parse_gain(out, in, index, error);
     if (code) return code;
-    return in->env[0] ? env_canonical(in->env, out->env, error) : 0;
+    return in->env[0] ? env_of_request(request, in->env, out->env, error) : 0;
 }
 
 static void set_keys(struct render_light *light, const char *source)
@@ -174,7 +174,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
     struct render_light parsed[RENDER_MAX_LIGHTS];
     size_t floats = 0;
     for (unsigned i = 0; i < n; i++) {
-        int code = parse_light(&parsed[i], lights[i], i, error);
+        int code = parse_light(&parsed[i], lights[i], i, request, error);
         if (code) return code;
         parsed[i].texel = floats;
         floats += (size_t)18 * parsed[i].cube_n * parsed[i].cube_n;

@@ -38,6 +38,21 @@ size_t blobs_images(const struct blobs *blobs, const char *principal, struct blo
     return n;
 }
 
+const char *blobs_image_named(const struct blobs *blobs, const char *principal,
+                              const char *name)
+{
+    const size_t n = strlen(name);
+    for (const struct blob *b = blobs->lru.newest; n && b; b = b->link[LRU_ALL].older) {
+        const struct blob_name *own = name_of(b, principal);
+        const char *dot = own ? strrchr(own->name, '.') : NULL;
+        if (!own || !is_image(b, own->name)) continue;
+        if (!strcmp(own->name, name) ||
+            (dot && (size_t)(dot - own->name) == n && !strncmp(own->name, name, n)))
+            return b->hash;
+    }
+    return NULL;
+}
+
 bool blobs_owned(const struct blobs *blobs, const char *principal, const char *hash,
                  uint64_t *size)
 {

@@ -74,6 +74,10 @@ struct blob_listed {
 /* The images that this principal uploaded, most recently used first. */
 size_t blobs_images(const struct blobs *blobs, const char *principal, struct blob_listed *out,
                     size_t most);
+/* The image that this principal uploaded under a file name, which may lack its ending; the
+ * newest of several. NULL: none. */
+const char *blobs_image_named(const struct blobs *blobs, const char *principal,
+                              const char *name);
 /* Whether the blob is there and this principal sent its bytes (NULL: whoever did). A principal
  * that only asked for its hash did not. */
 bool blobs_owned(const struct blobs *blobs, const char *principal, const char *hash,

@@ -24,6 +24,9 @@ struct cache {
     struct cache *files;   // entries of it are held by values of this one
     struct cache *holders; // the other way round
     bool relieving;
+    size_t values, promised; // bytes of all values; of admissions without their value
+    struct cache_admission *admission, **last_admission;
+    bool admitting;
     struct cache_entry no_memory; // returned where no entry can be allocated; never freed
     struct work_pool *workers;    // NULL: values are destroyed at once
 };
@@ -46,6 +49,7 @@ int cache_create(size_t budget_bytes, struct cache **out)
                                             .error_code = CACHE_ERROR_NO_MEMORY,
                                             .error = "not enough memory",
                                             .cache = cache};
+    cache->last_admission = &cache->admission;
     cache->n_bucket = FIRST_BUCKETS;
     cache->budget = budget_bytes;
     *out = cache;
@@ -141,6 +145,7 @@ static void free_entry(struct cache *cache, struct cache_entry *e)
 {
     if (e->value && e->destroy) destroy_value(cache, e);
     cache->counts.bytes -= e->bytes + overhead(e);
+    cache->values -= e->bytes;
     free(e->key);
     free(e);
 }
@@ -163,16 +168,66 @@ static bool drop_holder(struct cache *cache)
     return true;
 }
 
-static void keep_budget(struct cache *cache)
+// Evicts until the values and `more` bytes fit, or nothing is left that may go.
+static void make_room(struct cache *cache, size_t more)
 {
-    while (cache->counts.bytes > cache->budget && cache->oldest) {
+    while (cache->counts.bytes + more > cache->budget && cache->oldest) {
         cache->counts.evictions++;
         drop(cache, cache->oldest);
     }
     if (cache->relieving || !cache->holders) return;
     cache->relieving = true; // evicted holders release files, which calls this function again
-    while (cache->counts.bytes > cache->budget && drop_holder(cache->holders)) continue;
+    while (cache->counts.bytes + more > cache->budget && drop_holder(cache->holders)) continue;
     cache->relieving = false;
+    // What the last of them held.
+    while (cache->counts.bytes + more > cache->budget && cache->oldest) {
+        cache->counts.evictions++;
+        drop(cache, cache->oldest);
+    }
+}
+
+static void keep_budget(struct cache *cache)
+{
+    make_room(cache, 0);
+}
+
+static bool has_room(struct cache *cache, size_t bytes)
+{
+    make_room(cache, cache->promised + bytes);
+    return cache->counts.bytes + cache->promised + bytes <= cache->budget ||
+           (!cache->values && !cache->promised);
+}
+
+static void admit_next(struct cache *cache)
+{
+    if (cache->admitting || cache->relieving) return;
+    cache->admitting = true;
+    while (cache->admission && has_room(cache, cache->admission->bytes)) {
+        struct cache_admission *a = cache->admission;
+        cache->admission = a->next;
+        if (!cache->admission) cache->last_admission = &cache->admission;
+        cache->promised += a->bytes;
+        a->holds = true;
+        a->admitted(a);
+    }
+    cache->admitting = false;
+}
+
+void cache_admit(struct cache *cache, struct cache_admission *a)
+{
+    a->next = NULL;
+    a->holds = false;
+    *cache->last_admission = a;
+    cache->last_admission = &a->next;
+    admit_next(cache);
+}
+
+void cache_admission_end(struct cache *cache, struct cache_admission *a)
+{
+    if (!a->holds) return;
+    a->holds = false;
+    cache->promised -= a->bytes;
+    admit_next(cache);
 }
 
 void cache_hold_files(struct cache *holders, struct cache *files)
@@ -238,7 +293,9 @@ void cache_release(struct cache_entry *e)
     if (--e->refs) return;
     struct cache *cache = e->cache;
     if (e->state != CACHE_READY || e->forgotten) { // it was removed from the table already
+        bool freed_file = e->holds_file && cache->files;
         free_entry(cache, e);
+        admit_next(freed_file ? cache->files : cache);
         return;
     }
     e->older = cache->newest;
@@ -247,6 +304,7 @@ void cache_release(struct cache_entry *e)
     bool holds_file = e->holds_file;
     keep_budget(cache); // may evict it
     if (holds_file && cache->files) keep_budget(cache->files);
+    admit_next(holds_file && cache->files ? cache->files : cache);
 }
 
 static void wake_all(struct cache_entry *e)
@@ -268,6 +326,7 @@ void cache_fill(struct cache_entry *e, void *value, size_t bytes, void (*destroy
     e->bytes = bytes;
     e->destroy = destroy;
     e->cache->counts.bytes += bytes;
+    e->cache->values += bytes;
     keep_budget(e->cache);
     wake_all(e);
 }

@@ -78,6 +78,20 @@ void cache_forget_entry(struct cache_entry *entry);
  * and all in use, unreferenced holders are evicted. */
 void cache_hold_files(struct cache *holders, struct cache *files);
 
+/* Room for a value before it is made. Those that ask get it in their order: when it fits beside
+ * what is held and promised, or when nothing else is held, so that a value above the budget is
+ * alone. `admitted` is called once, at once or later; until cache_admission_end the room counts
+ * as taken. */
+struct cache_admission {
+    struct cache_admission *next;
+    size_t bytes;
+    void (*admitted)(struct cache_admission *admission);
+    bool holds;
+};
+void cache_admit(struct cache *cache, struct cache_admission *admission);
+/* After cache_fill or cache_fail. */
+void cache_admission_end(struct cache *cache, struct cache_admission *admission);
+
 struct cache_counts {
     uint64_t hits, misses, evictions;
     size_t bytes, entries;

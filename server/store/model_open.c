@@ -115,6 +115,8 @@ void model_charge_preview(struct model *m, uint64_t bytes)
 
 struct opening {
     struct work work;
+    struct cache_admission room; // of `entry`: --memory
+    struct work_actor actor;
     struct model *model;
     struct cache_entry *entry; // NULL: only the checksums are looked at
     bool preview;              // a mesh without transport
@@ -296,6 +298,15 @@ static void is_open(struct opening *o)
     if (first && !m->gone) start_opening(m, NULL, o->path, false, false);
 }
 
+static void free_opening(struct opening *o)
+{
+    cache_admission_end(o->model->server->files, &o->room);
+    cache_release(o->entry);
+    if (o->used) import_unuse(o->used);
+    model_release(o->model);
+    free(o);
+}
+
 static void done_opening(struct work *work)
 {
     struct opening *o = (struct opening *)work;
@@ -304,10 +315,34 @@ static void done_opening(struct work *work)
     else is_open(o);
     if (o->preview && o->model->gone && model_is_last(o->model))
         file_remove(o->model->server->file_queue, o->path);
-    cache_release(o->entry);
-    if (o->used) import_unuse(o->used);
-    model_release(o->model);
-    free(o);
+    free_opening(o);
+}
+
+static void admitted(struct cache_admission *room)
+{
+    struct opening *o = (struct opening *)((char *)room - offsetof(struct opening, room));
+    struct work_pool *work = o->model->server->work;
+    struct work_actor before = work_act(work, o->actor);
+    work_submit(work, &o->work);
+    work_act(work, before);
+}
+
+// What can never be freed is in the way: false, and the entry fails.
+static bool fits_beside_pinned(const struct opening *o)
+{
+    const struct server *server = o->model->server;
+    uint64_t pinned = 0, size = o->room.bytes, all = server->options.memory;
+    char error[256];
+    for (struct model *m = NULL; (m = models_next(server->models, m));)
+        pinned += m->pin ? m->pin->bytes : 0;
+    if (!pinned || pinned + size <= all) return true;
+    snprintf(
+        error, sizeof error,
+        "the model needs %llu bytes, and pinned models hold %llu of %llu (--memory): unload "
+        "one of them",
+        (unsigned long long)size, (unsigned long long)pinned, (unsigned long long)all);
+    cache_fail(o->entry, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+    return false;
 }
 
 static void start_opening(struct model *m, struct cache_entry *entry, const char *path,
@@ -329,7 +364,15 @@ static void start_opening(struct model *m, struct cache_entry *entry, const char
     o->header_only = header_only;
     if ((o->used = m->copy)) import_use(o->used);
     snprintf(o->path, sizeof o->path, "%s", path);
-    work_submit(m->server->work, &o->work);
+    o->actor = work_actor(m->server->work);
+    if (!entry) {
+        work_submit(m->server->work, &o->work);
+        return;
+    }
+    o->room.admitted = admitted;
+    o->room.bytes = preview ? m->preview_bytes : m->copy ? m->copy->bytes : m->bake_bytes;
+    if (fits_beside_pinned(o)) cache_admit(m->server->files, &o->room);
+    else free_opening(o);
 }
 
 void model_start_opening(struct model *m, struct cache_entry *entry, const char *path,

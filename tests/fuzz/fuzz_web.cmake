@@ -8,7 +8,7 @@ target_include_directories(fuzz_web PRIVATE ${CMAKE_SOURCE_DIR}/libprt/tools/ben
 foreach(carrier http websocket)
   add_test(NAME fuzz_${carrier} COMMAND fuzz_web -s 4 ${carrier} $<TARGET_FILE:relightd_checked>)
   set_tests_properties(fuzz_${carrier} PROPERTIES TIMEOUT 300 LABELS fuzz)
-  add_test(NAME fuzz_${carrier}_long COMMAND fuzz_web -s 300 ${carrier}
+  add_test(NAME fuzz_${carrier}_long COMMAND fuzz_web -s 600 ${carrier}
     $<TARGET_FILE:relightd_checked>)
-  set_tests_properties(fuzz_${carrier}_long PROPERTIES TIMEOUT 900 LABELS long)
+  set_tests_properties(fuzz_${carrier}_long PROPERTIES TIMEOUT 1320 LABELS long)
 endforeach()

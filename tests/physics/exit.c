@@ -47,8 +47,9 @@ static struct scene scene_of(struct prt_mesh *mesh, const float eye[3])
     assert_int_equal(prt_cube_init(&s.light, 16), PRT_OK);
     for (uint32_t i = 0; i < 6 * 16 * 16 * 3; i++) s.light.texel[i] = 1;
     assert_int_equal(prt_specular_create(&context, &s.light, &s.specular), PRT_OK);
-    assert_int_equal(prt_visibility_create(&context, mesh, &camera, SIDE, SIDE, 4,
-                                           PRT_RASTER_AUTO, &s.visibility),
+    assert_int_equal(prt_visibility_create(&context, mesh, &camera,
+                                           &(struct prt_raster){SIDE, SIDE, 4, PRT_RASTER_AUTO},
+                                           &s.visibility),
                      PRT_OK);
     return s;
 }

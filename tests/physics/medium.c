@@ -67,6 +67,29 @@ static void test_dipole_integral(void **state)
     }
 }
 
+/* Law: of a slab lit evenly from both sides the dipole lets rho_d of the near side's light
+ * leave and, of the far side's, what R_d has beyond the thickness: more than all (METHODS §9;
+ * the dipole column of README's table). */
+static void test_dipole_slab(void **state)
+{
+    static const struct {
+        const char *medium;
+        int channel;
+        double want;
+    } row[] = {
+        {"marble", 0, 1.19}, {"skimmilk", 0, 1.40}, {"skin1", 0, 0.66}, {"skin1", 1, 0.28}};
+    for (int i = 0; i < 4; i++) {
+        struct prt_context quiet = {0};
+        struct prt_material m;
+        struct prt_diffusion d;
+        int c = row[i].channel;
+        assert_int_equal(prt_material_load(&quiet, row[i].medium, &m), PRT_OK);
+        prt_diffusion_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
+        expect_near(expect_name("2 mm of %s, channel %d", row[i].medium, c),
+                    d.rho_d + prt_diffusion_tail(&d, 2), row[i].want, 0.005);
+    }
+}
+
 /* Law: every instruction set gives R_d (METHODS §1) to 1e-5, and writes nothing past the end.
  */
 static void test_dipole_array(void **state)
@@ -467,12 +490,19 @@ static void test_material_faults(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_dipole_values),    cmocka_unit_test(test_dipole_integral),
-        cmocka_unit_test(test_dipole_array),     cmocka_unit_test(test_fresnel),
-        cmocka_unit_test(test_refraction),       cmocka_unit_test(test_phase_moments),
-        cmocka_unit_test(test_phase_truncation), cmocka_unit_test(test_spherical_harmonics),
-        cmocka_unit_test(test_phase_svd),        cmocka_unit_test(test_material_presets),
-        cmocka_unit_test(test_material_table),   cmocka_unit_test(test_material_faults),
+        cmocka_unit_test(test_dipole_values),
+        cmocka_unit_test(test_dipole_integral),
+        cmocka_unit_test(test_dipole_slab),
+        cmocka_unit_test(test_dipole_array),
+        cmocka_unit_test(test_fresnel),
+        cmocka_unit_test(test_refraction),
+        cmocka_unit_test(test_phase_moments),
+        cmocka_unit_test(test_phase_truncation),
+        cmocka_unit_test(test_spherical_harmonics),
+        cmocka_unit_test(test_phase_svd),
+        cmocka_unit_test(test_material_presets),
+        cmocka_unit_test(test_material_table),
+        cmocka_unit_test(test_material_faults),
     };
     return run_physics_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Details of answers: the mean of ENV, the alignment of colours, ids, deadlines, a view's rate
-// and the order of jobs.
+// Details of answers: the mean of ENV, the alignment, exposure and errors of colours, ids, and
+// the order of jobs.
 #include "ask.h"
 #include "frames.h"
 
@@ -74,6 +74,69 @@ static void test_planes_are_aligned(void **state)
     end(client);
 }
 
+static float srgb(float x)
+{
+    x = x < 0 ? 0 : x > 1 ? 1 : x;
+    return 255 * (x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - 0.055f);
+}
+
+// 8-bit colours are the linear ones times 2^exposure, by the sRGB curve, to half a step.
+static void test_exposure_of_colours(void **state)
+{
+    static const float ev[] = {0, 1.5f, -3, 8};
+    struct relight_client *client = begin(NULL);
+    struct relight_error error;
+    struct relight_light light = {.env = "constant:1,0.3,0.05"};
+    struct relight_colors_request request = {.n_light = 1, .lights = &light};
+    struct relight_colors linear, bytes;
+    char id[ID_SIZE];
+    bake_small(client, &d, id);
+    request.model = id;
+    OK(relight_colors(client, &request, &linear, &error));
+    request.format = RELIGHT_COLOR_SRGB8;
+    for (int i = 0; i < 4; i++) {
+        request.exposure_ev = ev[i];
+        OK(relight_colors(client, &request, &bytes, &error));
+        for (int v = 0; v < OCTAHEDRON_VERTICES; v++) {
+            const uint8_t *got = (const uint8_t *)bytes.data + 4 * v;
+            for (int c = 0; c < 3; c++) {
+                float want = srgb(((const float *)linear.data)[3 * v + c] * exp2f(ev[i]));
+                if (fabsf((float)got[c] - want) > 0.51f)
+                    fail_msg("%g EV: %d, expected %g", (double)ev[i], got[c], (double)want);
+            }
+            assert_int_equal(got[3], 255);
+        }
+        relight_colors_finish(&bytes);
+    }
+    relight_colors_finish(&linear);
+    end(client);
+}
+
+// A bake whose measured error is above max_error is refused with both numbers; the bound that
+// its answers state is allowed.
+static void test_measured_error_of_a_bake(void **state)
+{
+    struct relight_client *client = begin(NULL);
+    struct relight_error error;
+    struct relight_light light = {.env = "constant"};
+    struct relight_colors_request request = {.n_light = 1, .lights = &light};
+    struct relight_colors colors;
+    char id[ID_SIZE];
+    bake_small(client, &d, id);
+    request.model = id;
+    OK(relight_colors(client, &request, &colors, &error));
+    float bound = colors.cost.error_bound;
+    relight_colors_finish(&colors);
+    assert_true(bound > 0);
+    request.shade.max_error = 0.9f * bound;
+    expect(relight_colors(client, &request, &colors, &error), RELIGHT_E_OUT_OF_RANGE, &error,
+           "max_error");
+    request.shade.max_error = 1.01f * bound;
+    OK(relight_colors(client, &request, &colors, &error));
+    relight_colors_finish(&colors);
+    end(client);
+}
+
 // Two open requests of a connection cannot have one id.
 static void test_an_id_is_open_once(void **state)
 {
@@ -121,6 +184,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_mean_of_an_environment, teardown),
         cmocka_unit_test_teardown(test_planes_are_aligned, teardown),
+        cmocka_unit_test_teardown(test_exposure_of_colours, teardown),
+        cmocka_unit_test_teardown(test_measured_error_of_a_bake, teardown),
         cmocka_unit_test_teardown(test_an_id_is_open_once, teardown),
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
     };

@@ -353,6 +353,8 @@ static void test_upgrades(void **state)
         assert_int_not_equal(upgrade_to("/ws", d.http, NULL, protocols[i], NULL), 101);
     assert_int_not_equal(
         get("/", "localhost", "Upgrade: h2c\r\nHTTP2-Settings: AAMAAABkAAQAAP__\r\n"), 101);
+    // libwebsockets answers by itself, and calls on with headers that it has freed.
+    assert_int_equal(get("/", "localhost", "Connection: Upgrade\r\nUpgrade: other\r\n"), 403);
     static const char *const absent[] = {"/healthz/", "/healthz/x", "/healthzx", "/metrics/x"};
     for (size_t i = 0; i < sizeof absent / sizeof *absent; i++)
         assert_int_equal(get(absent[i], "localhost", ""), 404);
@@ -362,10 +364,10 @@ static void test_upgrades(void **state)
         int status;
     } bodies[] = {
         {"POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 405},
-        {"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 405},
+        {"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 404},
         {"GET /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 400},
         {"GET /healthz HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n",
-         411}};
+         400}};
     for (size_t i = 0; i < sizeof bodies / sizeof *bodies; i++) {
         char answer[2048];
         int fd = tcp_connect("127.0.0.1", port_of(d.http));

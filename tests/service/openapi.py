@@ -168,8 +168,8 @@ def faults(document, d, model, job, name):
         if "415" in wants:
             named = target + ("?name=a.obj" if path == "/v1/models" else "")
             go(path, method, named, body, {"Content-Type": "multipart/form-data; boundary=x"}, 415)
-        if "411" in wants:
-            raw = d.raw(("%s %s HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+        if "501" in wants:
+            raw = d.raw(("%s %s HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip\r\n\r\n"
                          "0\r\n\r\n" % (method, target)).encode(), 3)
             head, _, rest = raw.partition(b"\r\n\r\n")
             lines = head.decode().split("\r\n")

@@ -380,6 +380,34 @@ static void test_list_in_parts(void **state)
     relight_close(client);
 }
 
+// --memory holds one model: a pinned one leaves no room for another; unpinned they take turns.
+static void test_memory_and_pins(void **state)
+{
+    static const char *const extra[] = {"--poll", "0.2", "--memory", "130k", NULL};
+    char first[ID_SIZE], second[ID_SIZE];
+    struct relight_error error;
+    struct relight_load load = {.path = "a.prt", .pin = true};
+    struct relight_loaded loaded;
+    struct relight_light light = {.env = "constant"};
+    struct relight_colors_request request = {.model = "b", .n_light = 1, .lights = &light};
+    float out[N_COLOR];
+    put_bake("a.prt", 0);
+    put_bake("b.prt", 1);
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    OK(relight_load(client, &load, &loaded, &error));
+    relight_loaded_finish(&loaded);
+    expect(ask_colors(client, &request, out, NULL, &error), RELIGHT_E_LIMIT, &error, "pinned");
+    OK(relight_unload(client, "a", false, NULL, &error));
+    OK(ask_colors(client, &request, out, NULL, &error));
+    request.model = "a";
+    OK(ask_colors(client, &request, out, NULL, &error));
+    assert_true(metric(client, "relightd_models_bytes") <= 130 * 1024);
+    assert_true(state_of(client, "a", first) == RELIGHT_MODEL_READY);
+    assert_true(state_of(client, "b", second) >= 0);
+    relight_close(client);
+}
+
 // The folder cannot be read for a while: no model is lost.
 static void test_folder_that_is_away(void **state)
 {
@@ -402,9 +430,13 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, fresh_folder, after_each)
     const struct CMUnitTest tests[] = {
-        TEST(test_versions),        TEST(test_replaced_version),
-        TEST(test_faulty_versions), TEST(test_source_is_baked_again),
-        TEST(test_list_in_parts),   TEST(test_folder_that_is_away),
+        TEST(test_versions),
+        TEST(test_replaced_version),
+        TEST(test_faulty_versions),
+        TEST(test_source_is_baked_again),
+        TEST(test_list_in_parts),
+        TEST(test_memory_and_pins),
+        TEST(test_folder_that_is_away),
     };
 #undef TEST
     signal(SIGPIPE, SIG_IGN);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Views: fields that change alone, lights that go, acknowledgements without an answer, the
-// window in bytes, equal frames, deadlines of frames.
+// window in bytes, equal frames, deadlines and rate of frames.
 #include "frames.h"
 
 #include <math.h>
@@ -381,6 +381,45 @@ static void a_frame_has_its_deadline(void **state)
     assert_int_equal(seen.frame, 2);
 }
 
+static double seconds_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+// A view sends at most max_fps frames a second, however often its state changes, and then the
+// newest state.
+static void rate_of_a_client(void **state)
+{
+    enum { FPS = 4, STATES = 60 };
+    struct put p;
+    struct seen seen;
+    uint64_t n = 0, sequence = 0;
+    put_init(&p);
+    p.state.n_lights = 1;
+    p.light.env = "constant";
+    p.light.gain = &p.gain;
+    p.state.options = &p.options;
+    p.options.max_fps = FPS;
+    p.gain.x = p.gain.y = p.gain.z = 1;
+    uint64_t view = open_view(&p);
+    frame_of(view, 0);
+    double start = seconds_now();
+    while (sequence < STATES) {
+        p.gain.x = 1 + (float)++sequence;
+        set(view, sequence, &p, NULL, 0);
+        if (!next_frame(view, &seen, 20)) continue;
+        acknowledge(view, seen.frame);
+        n++;
+    }
+    double seconds = seconds_now() - start;
+    print_message("%d frames in %.2f s\n", (int)n, seconds);
+    assert_true((double)n <= seconds * FPS + 1);
+    seen = frame_of(view, STATES);
+    assert_int_equal(seen.sequence, STATES);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -390,6 +429,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(window_in_bytes, begin, end),
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
         cmocka_unit_test_setup_teardown(a_frame_has_its_deadline, begin, end),
+        cmocka_unit_test_setup_teardown(rate_of_a_client, begin, end),
     };
     return cmocka_run_group_tests(tests, group_begin, group_end);
 }

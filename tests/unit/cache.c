@@ -244,6 +244,53 @@ static void test_large_values_are_destroyed_by_a_worker(void **state)
     loop_destroy(loop);
 }
 
+struct waiter {
+    struct cache_admission admission;
+    unsigned n;
+};
+
+static void admitted(struct cache_admission *admission)
+{
+    ((struct waiter *)admission)->n++;
+}
+
+static void ask(struct cache *cache, struct waiter *w, size_t bytes)
+{
+    *w = (struct waiter){.admission = {.bytes = bytes, .admitted = admitted}};
+    cache_admit(cache, &w->admission);
+}
+
+// Room is promised in order, counts as taken, and is not given while values in use hold it.
+static void test_room_is_promised(void **state)
+{
+    struct cache *cache;
+    struct waiter a, b, c, d;
+    bool fresh;
+    assert_int_equal(cache_create(10 * VALUE, &cache), 0);
+    use(cache, "old");
+    ask(cache, &a, 6 * VALUE);
+    assert_int_equal(a.n, 1);
+    ask(cache, &b, 5 * VALUE);
+    ask(cache, &c, VALUE); // would fit, and waits behind b
+    assert_int_equal(b.n + c.n, 0);
+    struct cache_entry *e = cache_get(cache, "a", &fresh);
+    cache_fill(e, malloc(VALUE), 6 * VALUE, destroy);
+    cache_admission_end(cache, &a.admission);
+    assert_int_equal(b.n + c.n, 0); // a is in use
+    assert_false(is_there(cache, "old"));
+    cache_release(e);
+    assert_int_equal(b.n, 1);
+    assert_int_equal(c.n, 1);
+    assert_false(is_there(cache, "a")); // made room for b
+    cache_admission_end(cache, &b.admission);
+    ask(cache, &d, 11 * VALUE); // above the budget: when it is alone
+    assert_int_equal(d.n, 0);
+    cache_admission_end(cache, &c.admission);
+    assert_int_equal(d.n, 1);
+    cache_admission_end(cache, &d.admission);
+    cache_destroy(cache);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -253,6 +300,7 @@ int main(void)
         cmocka_unit_test(test_small_values_are_bounded),
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
+        cmocka_unit_test(test_room_is_promised),
         cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
     };
     return cmocka_run_group_tests_name("cache", tests, NULL, NULL);

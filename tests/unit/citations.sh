@@ -171,13 +171,15 @@ PERL
 
 check "$root"
 
-# A small tree with METHODS.md, the files it names and one citation; NAME, TEXT, what must be said.
+# A small tree: METHODS.md and the files it names. NAME, TEXT, what must be said.
 copy=$(mktemp -d)
 trap 'rm -rf "$copy"' EXIT
-mkdir "$copy/tests"
-for part in libprt server client proto deploy README.md; do cp -R "$root/$part" "$copy/"; done
-for part in unit physics kernels service fault mutants README.md; do
-    [ ! -e "$root/tests/$part" ] || cp -R "$root/tests/$part" "$copy/tests/"
+for file in METHODS.md $(grep -oE '[a-z]\w*/[a-z_/]+\.(c|h|cpp)' "$root/libprt/METHODS.md" | sort -u); do
+    from=$root/libprt/$file to=$copy/libprt/$file
+    [ -e "$from" ] || { from=$root/$file to=$copy/$file; }
+    [ -e "$from" ] || continue
+    mkdir -p "${to%/*}"
+    cp "$from" "$to"
 done
 check "$copy" >/dev/null || { echo "error: the copy of a good tree fails" >&2; exit 1; }
 

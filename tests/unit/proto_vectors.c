@@ -504,5 +504,17 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     n = add(out, n, "token_create_answer", "S: TOKEN_CREATE, the secret of bytes 0 to 31",
             21 | ANSWER, LAST, 16, &token_made.base, NULL, 0);
     n = add_coefficients(out, n);
-    return n;
+    static Relight__SignRequest sign;
+    static Relight__SignAnswer link;
+    relight__sign_request__init(&sign);
+    relight__sign_answer__init(&link);
+    sign.url = "/v1/models/bunny/image.jpg?rotate=30&env=studio";
+    sign.lifetime_s = 3600;
+    n = add(out, n, "sign", "C: SIGN for an hour", 35, LAST, 22, &sign.base, NULL, 0);
+    // By the token of token_create_answer, named anna.
+    link.url = "/v1/models/bunny/image.jpg?by=anna&env=studio&expires=1700003600&rotate=30&sig="
+               "F1cu3xt3O0FGPYZrjqZLObxbjMa2JhQo-zIWS6qc9kw";
+    link.expires_s = 1700003600;
+    return add(out, n, "sign_answer", "S: SIGN by anna's token of token_create_answer",
+               35 | ANSWER, LAST, 22, &link.base, NULL, 0);
 }

@@ -666,9 +666,9 @@ struct relight_cost {
     const char *note;
     uint32_t samples, frames; /* image space: see relight.proto; 0 otherwise */
     bool converged;           /* a view sends nothing finer of this state */
-    uint32_t
-        reduced; /* a view that cannot keep its rate: the picture has 1/reduced of the width
-                    and height asked for, and an exact one follows; 0: as asked for */
+    uint32_t reduced; /* a view that cannot keep its rate: the picture has 1/reduced of the
+                         width and height asked for, coefficients have fewer rows, and an exact
+                         frame follows; 0: as asked for */
 };
 
 /* Order of a client's own requests; between clients the compute time they used decides. */
@@ -1024,6 +1024,25 @@ void relight_tokens_finish(struct relight_tokens *tokens);
  * Thread-safety: Safe. Blocks until the daemon has it on disk. */
 int relight_token_revoke(struct relight_client *client, const char *name, uint32_t *connections,
                          struct relight_error *error);
+
+struct relight_link {
+    const char *url;    /* path and query: put it behind the address of the daemon's HTTP */
+    uint64_t expires_s; /* since 1970 */
+    void *owner;
+};
+/* Signs a link to a picture with this client's token, for viewers that have none.
+ * url: path and query of GET /v1/models/MODEL/image.ENDING. lifetime_s: from now, at most 366
+ * days; 0: one day.
+ * Returns 0 and *out, to be freed by relight_link_finish. The link ends at expires_s, and when
+ * the token is revoked or expires. -RELIGHT_E_FORBIDDEN: the client has no token.
+ * -RELIGHT_E_BAD_REQUEST: not such a path. -RELIGHT_E_OUT_OF_RANGE.
+ * Thread-safety: Safe. Blocks for a round trip. */
+int relight_sign(struct relight_client *client, const char *url, uint64_t lifetime_s,
+                 struct relight_link *out, struct relight_error *error);
+
+/* Frees what relight_sign put into *link. Thread-safety: Safe for different structs. Does not
+ * block. */
+void relight_link_finish(struct relight_link *link);
 
 /* Events. */
 

@@ -191,7 +191,8 @@ struct prt_coefficient_layer {
 };
 struct prt_coefficients {
     /* Set by the caller. */
-    uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less */
+    uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less, and rows that are
+                         * left out are not computed */
     bool phases;        /* the planes of a phase function that is not even */
     uint16_t *half;     /* [n_half] */
     /* Set by prt_coefficients_plan, the scales by prt_answer_coefficients. */

@@ -29,6 +29,18 @@ static void keep_time(struct serve_flow *f, double ms)
     f->ms[f->n_ms++] = (float)ms;
 }
 
+void serve_keep(struct serve_flow *f, double ms, double bytes)
+{
+    f->n_answer++;
+    f->bytes += bytes;
+    keep_time(f, ms);
+}
+
+void serve_order(struct serve_flow *f)
+{
+    qsort(f->ms, f->n_ms, sizeof *f->ms, ascending);
+}
+
 static void count_error(struct serve_flow *f, const struct relight_frame *frame)
 {
     Relight__Error *e = (Relight__Error *)relight_frame_unpack(frame);
@@ -47,9 +59,7 @@ void serve_count(struct serve_client *c, const struct relight_frame *frame)
     if (frame->type == RELIGHT_TYPE_ERROR) {
         if (f->counting) count_error(f, frame);
     } else if (f->counting) {
-        f->n_answer++;
-        f->bytes += (double)frame->payload_size;
-        keep_time(f, ms);
+        serve_keep(f, ms, (double)frame->payload_size);
         if (f->deadline_ms) f->worst_over_ms = fmax(f->worst_over_ms, ms - f->deadline_ms);
     }
     if (!f->stopping && f->depth) f->send(f, c);
@@ -73,7 +83,7 @@ int serve_run(struct serve_crowd *crowd, struct serve_flow *f, double warm_s, do
     f->seconds = prt_time_s() - from;
     f->counting = false;
     f->stopping = true;
-    qsort(f->ms, f->n_ms, sizeof *f->ms, ascending);
+    serve_order(f);
     int status = serve_settle(crowd, 30);
     if (!status && crowd->n_gone)
         status = prt_fail(&crowd->env->ctx, PRT_IO, "the daemon closed %u connections",

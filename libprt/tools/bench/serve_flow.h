@@ -27,6 +27,9 @@ int serve_run(struct serve_crowd *crowd, struct serve_flow *flow, double warm_s,
               double seconds);
 // Counts one answer; a crowd's callback where its user is a struct serve_flow.
 void serve_count(struct serve_client *client, const struct relight_frame *frame);
+// Counts one answer of this time and length; serve_order() before the first quantile.
+void serve_keep(struct serve_flow *flow, double ms, double bytes);
+void serve_order(struct serve_flow *flow);
 void serve_flow_finish(struct serve_flow *flow);
 double serve_rate(const struct serve_flow *flow);                  // answers/s
 double serve_quantile(const struct serve_flow *flow, double part); // ms

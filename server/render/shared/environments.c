@@ -35,6 +35,21 @@ int env_canonical(const char *env, char out[96], char error[300])
     return 0;
 }
 
+int env_of_request(const struct request *request, const char *env, char out[96],
+                   char error[300])
+{
+    if (strncmp(env, "name:", 5)) return env_canonical(env, out, error);
+    const char *hash =
+        blobs_image_named(request->server->blobs, request->principal->name, env + 5);
+    if (hash) snprintf(out, 96, "env:%s", hash);
+    else
+        snprintf(error, 300,
+                 "light.env %.100s: this client uploaded no image of this name; LIST has the "
+                 "names",
+                 env);
+    return hash ? 0 : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+}
+
 static void fill_constant(struct cache_entry *entry, const char *env)
 {
     size_t n = (size_t)6 * CONSTANT_CUBE * CONSTANT_CUBE;

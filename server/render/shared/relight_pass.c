@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // Passes over a model's transport. While one runs, evaluations of the same model gather, and
 // the next pass computes up to PRT_RELIGHT_MAX_LIGHTS of them: it reads the transport once for
-// all their lights.
+// all their lights. The principals that wait take turns (render/shared/pass_share.h), and each
+// principal's most urgent evaluations go first.
 #include "render/evaluation.h"
 #include "render/shared/cache_compute.h"
+#include "render/shared/pass_share.h"
 #include "net/request.h"
 
 #include <stdio.h>
@@ -174,20 +176,47 @@ static void submit(struct pass *pass)
     work_act(pool, before);
 }
 
+// Moves the items of this class that their principals' grants cover to `running`.
+static void choose_class(struct pass *pass, int class, struct pass_share *share,
+                         struct pass_item ***end)
+{
+    for (struct pass_item **at = &pass->first; *at && share->n_granted;) {
+        struct pass_item *item = *at;
+        if ((int)item->job.actor.class != class ||
+            !pass_share_take(share, item->job.actor.name)) {
+            at = &item->next;
+            continue;
+        }
+        *at = item->next;
+        item->next = NULL;
+        **end = item;
+        *end = &item->next;
+        pass->n_running++;
+    }
+}
+
+static void choose_items(struct pass *pass)
+{
+    struct pass_share share = {0};
+    struct pass_item **end = &pass->running;
+    unsigned seen = 0;
+    for (const struct pass_item *i = pass->first; i && seen++ < PASS_SHARE_SEEN; i = i->next)
+        pass_share_add(&share, i->job.actor.name);
+    // `payer` has the principals of the pass before: clients that wait for its answers come
+    // back.
+    for (unsigned i = 0; i < pass->n_running; i++) pass_share_before(&share, pass->payer[i]);
+    pass_share_grant(&share, PRT_RELIGHT_MAX_LIGHTS);
+    pass->running = NULL;
+    pass->n_running = 0;
+    for (int class = 0; class < WORK_N_CLASS; class ++) choose_class(pass, class, &share, &end);
+    for (pass->last = &pass->first; *pass->last;) pass->last = &(*pass->last)->next;
+}
+
 static void start_pass(struct pass *pass)
 {
     struct stats *stats = &pass->model->server->stats;
-    struct pass_item **end = &pass->first;
-    unsigned n = 0;
-    while (*end && n < PRT_RELIGHT_MAX_LIGHTS) {
-        end = &(*end)->next;
-        n++;
-    }
-    pass->running = pass->first;
-    pass->n_running = n;
-    pass->first = *end;
-    *end = NULL;
-    if (!pass->first) pass->last = &pass->first;
+    choose_items(pass);
+    unsigned n = pass->n_running;
     stats->passes++;
     stats->relights += n;
     stats_batch(stats, n);

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: MIT
+// GEOMETRY's answer as a mesh: positions, normals, triangles, and runs of triangles of one surface.
+import type { Block, GeometryAnswer, Surface } from "../gen/relight_pb";
+import { floats, words } from "../protocol/frame";
+import { frameOf, type Frame } from "./camera";
+
+export interface Part {
+  firstIndex: number;
+  nIndex: number;
+  opaque: boolean;
+  surface: Surface | null;
+}
+export interface Mesh {
+  nVertex: number;
+  positions: Float32Array;
+  normals: Float32Array;
+  triangles: Uint32Array;
+  uv: Float32Array | null;
+  tint: Float32Array | null;
+  parts: Part[];
+  frame: Frame;
+  mmPerUnit: number;
+  split: number;
+  generation: bigint;
+}
+
+function partsOf(answer: GeometryAnswer): Part[] {
+  const blocks: Block[] = answer.blocks.filter((block) => block.nTriangle > 0);
+  if (!blocks.length)
+    return [{ firstIndex: 0, nIndex: 3 * answer.nTriangle, opaque: false, surface: null }];
+  return blocks.map((block) => ({
+    firstIndex: 3 * block.triangleBegin,
+    nIndex: 3 * block.nTriangle,
+    opaque: !block.translucent,
+    surface: answer.surfaces[block.surfaceIndex] ?? null,
+  }));
+}
+
+/** Positions are in the model's own units (own_units of the request). */
+export function meshOf(answer: GeometryAnswer, payload: Uint8Array): Mesh {
+  const n = answer.nVertex;
+  const positions = floats(payload, Number(answer.positionsOffset), 3 * n);
+  const translucent = new Uint8Array(n);
+  for (const block of answer.blocks)
+    if (block.translucent)
+      translucent.fill(1, block.vertexBegin, block.vertexBegin + block.nVertex);
+  const all = !translucent.includes(1);
+  return {
+    nVertex: n,
+    positions,
+    normals: floats(payload, Number(answer.normalsOffset), 3 * n),
+    triangles: words(payload, Number(answer.trianglesOffset), 3 * answer.nTriangle),
+    uv: answer.nUv ? floats(payload, Number(answer.uvOffset), 2 * n) : null,
+    tint: answer.colorOffset ? floats(payload, Number(answer.colorOffset), 4 * n) : null,
+    parts: partsOf(answer),
+    frame: frameOf(positions, (v) => all || translucent[v] === 1),
+    mmPerUnit: answer.mmPerUnit,
+    split: answer.textureSplit,
+    generation: answer.generation,
+  };
+}

@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: MIT
+// GLSL of the stage: the surface, the background and the tone curve, as libprt/raster computes
+// them (METHODS §6, §7).
+
+const tone = /* glsl */ `
+uniform float exposure;  // 2^EV
+uniform int curve;       // Tone of relight.proto; 3: linear radiance as it is, for tests
+vec3 filmic(vec3 x) { return x * (x + 0.06) / (x * (x + 0.62) + 0.09); }
+vec3 encoded(vec3 radiance) {
+  if (curve == 3) return radiance;
+  vec3 x = max(radiance * exposure, vec3(0.0));
+  x = curve == 0 ? filmic(x) : curve == 1 ? x / (1.0 + x) : x;
+  x = clamp(x, 0.0, 1.0);
+  return mix(12.92 * x, 1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), x));
+}`;
+
+// Bilinear look-up in a bordered cube of n x n texels whose faces are layers from \`first\` on.
+const cube = /* glsl */ `
+vec3 fromCube(sampler2DArray faces, vec3 d, float n, float first) {
+  vec3 a = abs(d);
+  float face; vec2 st; float major;
+  if (a.x >= a.y && a.x >= a.z) {
+    face = d.x < 0.0 ? 1.0 : 0.0; major = a.x; st = vec2(d.x < 0.0 ? d.z : -d.z, -d.y);
+  } else if (a.y >= a.z) {
+    face = d.y < 0.0 ? 3.0 : 2.0; major = a.y; st = vec2(d.x, d.y < 0.0 ? -d.z : d.z);
+  } else {
+    face = d.z < 0.0 ? 5.0 : 4.0; major = a.z; st = vec2(d.z < 0.0 ? -d.x : d.x, -d.y);
+  }
+  vec2 at = ((st / max(major, 1e-30) * 0.5 + 0.5) * n + 1.0) / (n + 2.0);
+  return texture(faces, vec3(at, first + face)).rgb;
+}`;
+
+const colorInput = /* glsl */ `
+out vec3 multiple;
+out vec3 single;
+#if SOURCE == 0
+in uint rgb9e5;
+#elif SOURCE == 1
+in vec3 halfColor;
+#else
+uniform highp sampler2D vertexColors;  // multiple scattering, VERTEX_WIDTH vertices a row
+uniform highp sampler2D vertexSingle;
+#endif
+void readColors() {
+  single = vec3(0.0);
+#if SOURCE == 0
+  float k = exp2(float(rgb9e5 >> 27u) - 24.0);
+  multiple = k * vec3(uvec3(rgb9e5, rgb9e5 >> 9u, rgb9e5 >> 18u) & 511u);
+#elif SOURCE == 1
+  multiple = halfColor;
+#else
+  ivec2 texel = ivec2(gl_VertexID % VERTEX_WIDTH, gl_VertexID / VERTEX_WIDTH);
+  multiple = texelFetch(vertexColors, texel, 0).rgb;
+  single = texelFetch(vertexSingle, texel, 0).rgb;
+#endif
+}`;
+
+export const VERTEX_WIDTH = 256;
+
+export const surfaceVertex = /* glsl */ `
+precision highp float;
+precision highp int;
+uniform mat4 modelViewMatrix, projectionMatrix;
+in vec3 position;
+in vec3 normal;
+in vec2 uv;
+in vec4 tint;
+out vec3 at;
+out vec3 n;
+out vec2 coordinates;
+out vec4 vertexTint;
+${colorInput}
+void main() {
+  at = position;
+  n = normal;
+  coordinates = uv;
+  vertexTint = tint;
+  readColors();
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+export const surfaceFragment = /* glsl */ `
+precision highp float;
+precision highp int;
+precision highp sampler2DArray;
+uniform vec3 eye;
+uniform float eta, roughness;
+uniform float transmission;   // 1: F_t of the view over \`divisor\`; 0: none (a term by itself)
+uniform float divisor;        // the factor that the colours already have
+uniform float viewSlope;      // of single scattering towards an eye (PROTOCOL, FACTORS)
+uniform float reflection;     // 1: reflections are added
+uniform float opaque;
+uniform float split;          // share of the base colour that the bake has blurred
+uniform sampler2DArray lobes; // [6 levels][6 faces]
+uniform sampler2D baseMap;
+uniform vec4 baseColor;       // factor
+uniform bool hasBase, hasMap;
+in vec3 at, n, multiple, single;
+in vec2 coordinates;
+in vec4 vertexTint;
+out vec4 color;
+${tone}
+${cube}
+vec3 reflected(vec3 d, float rough) {
+  float k = rough <= 0.15 ? 0.0 : rough <= 0.3 ? 1.0 : rough <= 0.45 ? 2.0 : rough <= 0.65 ? 3.0 : 4.0;
+  float lo = k == 0.0 ? 0.0 : k == 1.0 ? 0.15 : k == 2.0 ? 0.3 : k == 3.0 ? 0.45 : 0.65;
+  float wide = k <= 2.0 ? 0.15 : k == 3.0 ? 0.2 : 0.35;
+  float share = clamp((rough - lo) / wide, 0.0, 1.0);
+  return mix(fromCube(lobes, d, 32.0, 6.0 * k), fromCube(lobes, d, 32.0, 6.0 * k + 6.0), share);
+}
+vec3 base() {
+  vec4 b = baseColor * vertexTint;
+  if (hasMap) b *= texture(baseMap, coordinates);
+  if (!hasBase) return vec3(1.0);
+  float luminance = max(dot(b.rgb, vec3(0.2126, 0.7152, 0.0722)), 0.02);
+  return opaque > 0.5 ? b.rgb : b.rgb / pow(luminance, split);
+}
+void main() {
+  vec3 w = normalize(eye - at), m = normalize(n);
+  // The variance of normals over the pixel widens the lobe.
+  float variance = (dot(dFdx(m), dFdx(m)) + dot(dFdy(m), dFdy(m))) / 24.0;
+  float facing = abs(dot(normalize(cross(dFdx(at), dFdy(at))), w));
+  float c = min(dot(w, m), 1.0), least = max(0.5 * facing, 1e-3), cc = max(c, least);
+  // Interpolated normals that turn away from the eye are bent towards it.
+  if (c < least) {
+    float keep = sqrt((1.0 - cc * cc) / (1.0 - c * c + 1e-12));
+    m = keep * m + (cc - keep * c) * w;
+  }
+  c = cc;
+  float ct = sqrt(1.0 - (1.0 - c * c) / (eta * eta));
+  float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
+  float mirror = 0.5 * (rs * rs + rp * rp);
+  float t = opaque > 0.5 || transmission < 0.5 ? 1.0 : (1.0 - mirror) / divisor;
+  vec3 body = multiple + (1.0 + viewSlope * (1.0 - ct)) * single;
+  body = max(t * body, vec3(0.0)) * base();
+  float spread = min(2.0 * variance, 0.18);
+  float rough = spread > 1e-4 ? sqrt(sqrt(pow(roughness, 4.0) + spread)) : roughness;
+  if (reflection > 0.5 && opaque < 0.5) body += mirror * reflected(2.0 * c * m - w, rough);
+  color = vec4(encoded(body), 1.0);
+}`;
+
+export const backgroundVertex = /* glsl */ `
+precision highp float;
+in vec3 position;
+uniform mat4 unproject; // from clip space to world directions
+out vec3 direction;
+void main() {
+  direction = (unproject * vec4(position.xy, 1.0, 1.0)).xyz;
+  gl_Position = vec4(position.xy, 1.0, 1.0);
+}`;
+
+export const backgroundFragment = /* glsl */ `
+precision highp float;
+precision highp int;
+precision highp sampler2DArray;
+uniform sampler2DArray sky;
+uniform float side;
+uniform mat3 turn;      // world to environment
+uniform vec3 gain, plain;
+uniform bool isPlain;
+in vec3 direction;
+out vec4 color;
+${tone}
+${cube}
+void main() {
+  vec3 radiance = isPlain ? plain : gain * fromCube(sky, turn * direction, side, 0.0);
+  color = vec4(encoded(radiance), 1.0);
+}`;
+
+/** One texel a vertex: Σ_r U[v][r] b[r] (PROTOCOL, FACTORS). */
+export const factorVertex = /* glsl */ `
+precision highp float;
+in vec3 position;
+void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
+
+export const factorFragment = /* glsl */ `
+precision highp float;
+precision highp int;
+uniform highp isampler2D factors;     // pairs of columns, FACTOR_WIDTH texels a row
+uniform highp usampler2D places;      // of a vertex: first texel, stride, rank, first row
+uniform highp sampler2D rows;         // coefficients, ROW_WIDTH a row
+uniform float scale;
+out vec4 color;
+void main() {
+  uvec4 p = texelFetch(places, ivec2(gl_FragCoord.xy), 0);
+  vec3 sum = vec3(0.0);
+  for (uint r = 0u; r < p.z; r += 2u) {
+    uint u = p.x + (r >> 1u) * p.y, row = p.w + r;
+    vec2 k = vec2(texelFetch(factors, ivec2(u % FACTOR_WIDTH, u / FACTOR_WIDTH), 0).xy);
+    sum += k.x * texelFetch(rows, ivec2(row % ROW_WIDTH, row / ROW_WIDTH), 0).rgb;
+    if (r + 1u < p.z) {
+      row++;
+      sum += k.y * texelFetch(rows, ivec2(row % ROW_WIDTH, row / ROW_WIDTH), 0).rgb;
+    }
+  }
+  color = vec4(sum * scale, 1.0);
+}`;
+export const FACTOR_WIDTH = 4096;
+export const ROW_WIDTH = 1024;

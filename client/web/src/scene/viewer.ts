@@ -1,0 +1,518 @@
+// SPDX-License-Identifier: MIT
+// A viewer: one model of a daemon in one element of a page. It follows a SceneState: what the
+// daemon has to compute goes out as changes of a view, and the rest is drawn here. A model without
+// a bake, and a browser without WebGL 2, get pictures of the daemon instead.
+import type { Texture } from "three";
+import {
+  CancelJobAnswerSchema,
+  CancelJobRequestSchema,
+  ColorFormat,
+  Engine,
+  GeometryAnswerSchema,
+  GeometryRequestSchema,
+  ImageAnswerSchema,
+  ImageFormat,
+  ImageRequestSchema,
+  InfoRequestSchema,
+  JobState,
+  ModelInfoSchema,
+  ModelState,
+  ProgressSchema,
+  WatchRequestSchema,
+  type Cost,
+  type ModelInfo,
+  type Progress,
+  type ViewFrame,
+} from "../gen/relight_pb";
+import type { Client } from "../protocol/client";
+import { Type, words } from "../protocol/frame";
+import { meanTransmittance, surfaceOf } from "../state/material";
+import { TONES, type SceneState } from "../state/scene-state";
+import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera";
+import { meshOf, type Mesh } from "./geometry";
+import { LightView, type ViewChange, type ViewInit } from "./light-view";
+import { lampsOf, lightMessages, onlyTurned } from "./lights";
+import type { Stage } from "./stage";
+
+export interface Status {
+  /** mesh: drawn here; pictures: drawn by the daemon. */
+  mode: "none" | "mesh" | "pictures";
+  /** Why pictures, in words; empty: the bake is drawn. */
+  why: string;
+  stream: string;
+  engine: string;
+  /** Relative RMSE against the reference; 0: unknown. */
+  errorBound: number;
+  latencyMs: number;
+  note: string;
+  frames: number;
+  progress: Progress | null;
+}
+export const NO_STATUS: Status = {
+  mode: "none",
+  why: "",
+  stream: "",
+  engine: "",
+  errorBound: 0,
+  latencyMs: 0,
+  note: "",
+  frames: 0,
+  progress: null,
+};
+
+export interface ViewerEvents {
+  status: (status: Status) => void;
+  info: (info: ModelInfo | null) => void;
+  /** A request that failed; the picture stays as it was. */
+  fault: (error: Error) => void;
+  /** What was at fault works again. */
+  fine: () => void;
+}
+
+const ENGINES: Record<number, string> = {
+  [Engine.REFERENCE]: "reference",
+  [Engine.WAVELET]: "wavelet",
+  [Engine.POLYNOMIAL]: "polynomial",
+  [Engine.JOINT]: "joint",
+  [Engine.SPLAT]: "splat",
+  [Engine.TANGENT]: "tangent",
+  [Engine.TEXTURE]: "texture",
+  [Engine.HYBRID]: "hybrid",
+};
+const vec = (v: Vec3) => ({ x: v[0], y: v[1], z: v[2] });
+const same = (a: unknown, b: unknown) => a === b || JSON.stringify(a) === JSON.stringify(b);
+
+export class Viewer {
+  readonly canvas: HTMLCanvasElement;
+  readonly pictureCanvas: HTMLCanvasElement;
+  /** null: no WebGL 2, or not loaded yet. */
+  stage: Stage | null = null;
+  private readonly client: Client;
+  private readonly events: ViewerEvents;
+  private state: SceneState | null = null;
+  private sent: SceneState | null = null; // what the view has
+  private lit = ""; // lamps that the stage has
+  private info: ModelInfo | null = null;
+  private mesh: Mesh | null = null;
+  private frame: Frame | null = null;
+  private view: LightView | null = null;
+  private watch = 0n;
+  private opening = 0; // grows with every opening: answers of an older one are dropped
+  private status: Status = NO_STATUS;
+  private pictureFrame = 0n;
+  private readonly noWebGL: boolean;
+
+  constructor(
+    client: Client,
+    host: { canvas: HTMLCanvasElement; pictureCanvas: HTMLCanvasElement },
+    stage: Stage | null,
+    events: ViewerEvents,
+  ) {
+    this.client = client;
+    this.canvas = host.canvas;
+    this.pictureCanvas = host.pictureCanvas;
+    this.stage = stage;
+    this.noWebGL = stage === null;
+    this.events = events;
+  }
+
+  // ---- the state
+
+  /** Follows a state; a change that only moves the camera costs the daemon nothing. */
+  show(state: SceneState): void {
+    const old = this.state;
+    this.state = state;
+    if (state.model !== old?.model) {
+      void this.open();
+      return;
+    }
+    this.update(old);
+  }
+
+  private update(old: SceneState | null): void {
+    const { state } = this;
+    if (!state || !this.info) return;
+    this.applyLook(state);
+    this.applyCamera(state);
+    const lights = JSON.stringify(state.lamps);
+    if (this.stage && lights !== this.lit) void this.applyLamps(state, lights);
+    const pictures = this.status.mode === "pictures";
+    const changed =
+      !same(old?.lamps, state.lamps) ||
+      old?.material !== state.material ||
+      old.term !== state.term ||
+      (pictures && !same(old, state));
+    if (changed && this.view) this.view.set(() => this.change());
+  }
+
+  private applyLook(state: SceneState): void {
+    const { stage } = this;
+    if (!stage) return;
+    const { eta, roughness } = surfaceOf(state.material || this.info?.material || "{}");
+    const total = state.term === "total";
+    stage.setMedium({
+      eta,
+      roughness,
+      divisor: total ? meanTransmittance(eta) : 1,
+      viewSlope: 0,
+      transmission: total,
+      reflection: total,
+    });
+    stage.setLook({
+      exposure: state.exposure,
+      tone: TONES.indexOf(state.tone),
+      plain: state.background === "environment" ? null : state.background,
+    });
+  }
+
+  private applyCamera(state: SceneState): void {
+    if (this.frame) this.stage?.setCamera(this.placed(state), this.frame.radius);
+  }
+
+  /** The camera of a state, in the model's own units. */
+  placed(state: SceneState): Placed {
+    const { canvas, pictureCanvas } = this;
+    const shown = this.stage ? canvas : pictureCanvas;
+    const aspect = shown.clientWidth / Math.max(1, shown.clientHeight) || 1;
+    return place(this.frame ?? { centre: [0, 0, 0], radius: 1 }, state.orbit, aspect);
+  }
+
+  private async applyLamps(state: SceneState, lights: string): Promise<void> {
+    this.lit = lights;
+    try {
+      const lamps = await lampsOf(this.client, state.lamps);
+      if (this.lit === lights) this.stage?.setLamps(lamps);
+    } catch (error) {
+      if (this.lit === lights) this.lit = "";
+      this.events.fault(error as Error);
+    }
+  }
+
+  // ---- opening
+
+  /** Opens the model of the state anew: after a choice, a connection, or the end of a bake. */
+  async open(): Promise<void> {
+    const turn = ++this.opening;
+    const current = () => turn === this.opening;
+    this.closeView();
+    const { state } = this;
+    if (!state?.model || !this.client.hello) {
+      if (!state?.model) this.forget();
+      return;
+    }
+    try {
+      const { message: info } = await this.client.request(
+        Type.Info,
+        InfoRequestSchema,
+        { model: state.model },
+        ModelInfoSchema,
+      );
+      if (!current()) return;
+      this.info = info;
+      this.events.info(info);
+      const baked =
+        (info.state === ModelState.MODEL_READY || info.state === ModelState.MODEL_UNLOADED) &&
+        !info.stale;
+      if (!this.frame || this.mesh?.generation !== info.generation) this.frameBox(info);
+      if (this.stage && baked) await this.openMesh(info, current);
+      else await this.openView(info, false, current);
+      if (current()) this.follow(info);
+      if (current()) this.events.fine();
+    } catch (error) {
+      if (current()) this.events.fault(error as Error);
+    }
+  }
+
+  private forget(): void {
+    this.info = null;
+    this.mesh = null;
+    this.frame = null;
+    this.stage?.setMesh(null);
+    this.setStatus(NO_STATUS);
+    this.events.info(null);
+  }
+
+  private frameBox(info: ModelInfo): void {
+    const { boxMin, boxMax, mmPerUnit } = info;
+    if (!boxMin || !boxMax) return;
+    const k = 1 / (mmPerUnit || 1);
+    this.frame = frameOfBox(
+      [boxMin.x * k, boxMin.y * k, boxMin.z * k],
+      [boxMax.x * k, boxMax.y * k, boxMax.z * k],
+    );
+  }
+
+  private async openMesh(info: ModelInfo, current: () => boolean): Promise<void> {
+    const { stage } = this;
+    const known =
+      this.mesh && this.mesh.generation === info.generation && this.meshOf === info.model;
+    if (!stage) return;
+    const mesh = known && this.mesh ? this.mesh : await this.fetchMesh(info, current);
+    if (!mesh || !current()) return;
+    this.frame = mesh.frame;
+    this.mesh = mesh;
+    this.meshOf = info.model;
+    await this.openView(info, true, current);
+  }
+  private meshOf = "";
+
+  private async fetchMesh(info: ModelInfo, current: () => boolean): Promise<Mesh | null> {
+    const { message, payload } = await this.client.request(
+      Type.Geometry,
+      GeometryRequestSchema,
+      { model: info.model, ownUnits: true, textures: true },
+      GeometryAnswerSchema,
+    );
+    const mesh = meshOf(message, payload);
+    const images = new Map<number, Texture>();
+    const { Stage } = await import("./stage");
+    for (const part of mesh.parts) {
+      const index = part.surface?.baseMap?.image;
+      const image = index === undefined ? undefined : message.images[index];
+      if (index === undefined || !image || images.has(index)) continue;
+      const texels = await this.client.request(
+        Type.Geometry,
+        GeometryRequestSchema,
+        { model: info.model, image: image.hash },
+        GeometryAnswerSchema,
+      );
+      images.set(index, Stage.image(texels.payload, image.width, image.height));
+    }
+    if (!current()) return null;
+    this.stage?.setMesh(mesh, (index) => images.get(index) ?? null);
+    return mesh;
+  }
+
+  private async openView(
+    info: ModelInfo,
+    colors: boolean,
+    current: () => boolean,
+  ): Promise<void> {
+    const { state } = this;
+    if (!state) return;
+    const { lights, payload } = await lightMessages(this.client, state.lamps);
+    if (!current()) return;
+    const first: ViewInit = {
+      lights,
+      shade: this.shade(state),
+      options: { colorFormat: ColorFormat.COLOR_RGB9E5, window: 2, maxFps: 60 },
+      ...(colors ? {} : { picture: this.picture(state) }),
+    };
+    this.sent = state;
+    const why = colors
+      ? ""
+      : this.noWebGL
+        ? "This browser has no WebGL 2: the daemon draws the pictures."
+        : info.stale
+          ? "The vertices moved: pictures are drawn without the bake."
+          : "No bake yet: the daemon draws a preview.";
+    this.view = new LightView(this.client, info.model, colors, first, payload, {
+      frame: (frame, bytes, latency) => this.received(frame, bytes, latency, colors, why),
+      error: (error) => this.events.fault(error),
+    });
+    this.update(state);
+  }
+
+  private closeView(): void {
+    this.view?.close();
+    this.view = null;
+    this.sent = null;
+  }
+
+  // ---- what the daemon computes
+
+  private shade(state: SceneState) {
+    return { term: termOf(state), material: state.material };
+  }
+
+  private picture(state: SceneState, size?: { width: number; height: number }) {
+    const placed = this.placed(state);
+    const shown = this.stage && !this.noWebGL ? this.canvas : this.pictureCanvas;
+    const ratio = Math.min(globalThis.devicePixelRatio || 1, 1.5);
+    return {
+      width: size?.width ?? Math.max(16, Math.min(1600, Math.round(shown.clientWidth * ratio))),
+      height:
+        size?.height ?? Math.max(16, Math.min(1600, Math.round(shown.clientHeight * ratio))),
+      camera: {
+        eye: vec(placed.eye),
+        target: vec(placed.target),
+        up: vec(placed.up),
+        fovyDeg: placed.fovyDeg,
+      },
+      format: ImageFormat.IMAGE_JPEG,
+      quality: 88,
+      tone: TONES.indexOf(state.tone),
+      exposureEv: state.exposure,
+      plainBackground: state.background !== "environment",
+      background: state.background === "environment" ? undefined : vec(state.background),
+    };
+  }
+
+  // What differs between the state and the view, in as few bytes as it takes.
+  private async change(): Promise<ViewChange> {
+    const { state, sent } = this;
+    if (!state || !sent) return { state: {}, fields: ["shade.term"] };
+    const fields: string[] = [];
+    const out: ViewInit = {};
+    let payload: Uint8Array | undefined;
+    if (!same(sent.lamps, state.lamps)) {
+      if (onlyTurned(sent.lamps, state.lamps)) {
+        out.lights = state.lamps.map((lamp) => ({
+          rotateDeg: lamp.rotate,
+          gain: vec(lamp.gain),
+        }));
+        fields.push("lights.rotate_deg", "lights.gain");
+      } else {
+        const made = await lightMessages(this.client, state.lamps);
+        out.lights = made.lights;
+        payload = made.payload;
+        fields.push("lights");
+      }
+    }
+    if (sent.material !== state.material || sent.term !== state.term) {
+      out.shade = this.shade(state);
+      fields.push("shade.material", "shade.term");
+    }
+    if (this.status.mode === "pictures") {
+      out.picture = this.picture(state);
+      fields.push("picture");
+    }
+    this.sent = state;
+    return payload ? { state: out, fields, payload } : { state: out, fields };
+  }
+
+  private received(
+    frame: ViewFrame,
+    payload: Uint8Array,
+    latencyMs: number,
+    colors: boolean,
+    why: string,
+  ): void {
+    const cost = frame.colors?.cost ?? frame.image?.cost;
+    if (frame.colors && this.stage) {
+      this.stage.setColors(words(payload, 0, frame.colors.nVertex));
+      this.pictureCanvas.hidden = true;
+    }
+    if (frame.image) void this.drawPicture(frame, payload);
+    this.events.fine();
+    this.setStatus({
+      ...this.status,
+      ...costOf(cost),
+      mode: colors ? "mesh" : "pictures",
+      why,
+      stream: colors ? "colours, RGB9E5" : "pictures, JPEG",
+      latencyMs,
+      frames: this.status.frames + 1,
+    });
+  }
+
+  private async drawPicture(frame: ViewFrame, payload: Uint8Array): Promise<void> {
+    if (frame.equal) return;
+    const bitmap = await createImageBitmap(new Blob([payload.slice()], { type: "image/jpeg" }));
+    if (frame.frame < this.pictureFrame && frame.frame > 1n) return; // decoded out of order
+    this.pictureFrame = frame.frame;
+    const canvas = this.pictureCanvas;
+    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+      canvas.width = bitmap.width;
+      canvas.height = bitmap.height;
+    }
+    canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
+    canvas.hidden = false;
+    bitmap.close();
+  }
+
+  private setStatus(status: Status): void {
+    this.status = status;
+    this.events.status(status);
+  }
+
+  // ---- the bake
+
+  // Follows a bake, and opens the model anew when it is done. The picture stays until the first
+  // colours are there.
+  private follow(info: ModelInfo): void {
+    if (
+      this.watch ||
+      (info.state !== ModelState.MODEL_BAKING && info.state !== ModelState.MODEL_RECEIVED)
+    )
+      return;
+    const model = info.model;
+    this.watch = this.client.stream(
+      Type.Watch,
+      WatchRequestSchema,
+      { job: model },
+      ProgressSchema,
+      ({ message }) => {
+        if (this.info?.model !== model) return;
+        const ended = message.state >= JobState.JOB_DONE;
+        this.setStatus({ ...this.status, progress: ended ? null : message });
+      },
+      () => {
+        this.watch = 0n;
+        if (this.info?.model === model && this.client.hello) void this.open();
+      },
+    );
+  }
+
+  async cancelBake(): Promise<void> {
+    const job = this.status.progress?.job;
+    if (!job) return;
+    await this.client.request(
+      Type.CancelJob,
+      CancelJobRequestSchema,
+      { job },
+      CancelJobAnswerSchema,
+    );
+  }
+
+  // ---- pictures of the daemon
+
+  /** The daemon's picture of the state as it is. */
+  async still(
+    format: ImageFormat,
+    size?: { width: number; height: number },
+    state = this.state,
+  ): Promise<{ bytes: Uint8Array; width: number; height: number }> {
+    if (!state) throw new Error("no model is shown");
+    const { lights, payload } = await lightMessages(this.client, state.lamps);
+    const picture = { ...this.picture(state, size), format, quality: 92, samples: 8 };
+    const answer = await this.client.request(
+      Type.Image,
+      ImageRequestSchema,
+      { model: this.info?.model ?? state.model, lights, shade: this.shade(state), picture },
+      ImageAnswerSchema,
+      payload,
+    );
+    return {
+      bytes: answer.payload,
+      width: answer.message.width,
+      height: answer.message.height,
+    };
+  }
+
+  /** After a change of the element's size. */
+  resized(): void {
+    const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+    this.stage?.resize(
+      Math.max(1, Math.round(this.canvas.clientWidth * ratio)),
+      Math.max(1, Math.round(this.canvas.clientHeight * ratio)),
+    );
+    if (this.state) this.applyCamera(this.state);
+    if (this.status.mode === "pictures") this.view?.set(() => this.change());
+  }
+
+  close(): void {
+    this.opening++;
+    this.closeView();
+    this.stage?.dispose();
+  }
+}
+
+function termOf(state: SceneState): number {
+  return { total: 0, irradiance: 1, multiple: 2, single: 3 }[state.term];
+}
+
+function costOf(cost: Cost | undefined): Partial<Status> {
+  if (!cost) return {};
+  return { engine: ENGINES[cost.engine] ?? "", errorBound: cost.errorBound, note: cost.note };
+}

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+// Everything that a picture depends on. A link holds it, undo steps through it.
+import type { Orbit, Vec3 } from "../scene/camera";
+import { START } from "../scene/camera";
+
+export interface LampState {
+  /** "page:studio" (scene/builtin-lights.ts), "env:HASH", "constant" or "constant:R,G,B". */
+  env: string;
+  /** Degrees about +y, counter-clockwise seen from above. */
+  rotate: number;
+  /** Degrees about the environment's x axis. */
+  tilt: number;
+  /** Factors of red, green and blue. */
+  gain: Vec3;
+}
+export type Term = "total" | "multiple" | "single" | "irradiance";
+export const TERMS: readonly Term[] = ["total", "multiple", "single", "irradiance"];
+export type Tone = "filmic" | "reinhard" | "none";
+export const TONES: readonly Tone[] = ["filmic", "reinhard", "none"];
+/** "environment", or linear RGB. */
+export type Background = "environment" | Vec3;
+
+export interface SceneState {
+  /** Id or name; empty: none is chosen. */
+  model: string;
+  lamps: LampState[];
+  /** Preset or JSON; empty: the model's own. */
+  material: string;
+  term: Term;
+  /** EV. */
+  exposure: number;
+  tone: Tone;
+  background: Background;
+  orbit: Orbit;
+}
+
+export const FIRST_LAMP: LampState = {
+  env: "page:studio",
+  rotate: 0,
+  tilt: 0,
+  gain: [1, 1, 1],
+};
+export const FIRST: SceneState = {
+  model: "",
+  lamps: [FIRST_LAMP],
+  material: "",
+  term: "total",
+  exposure: 0,
+  tone: "filmic",
+  background: [0.018, 0.019, 0.022],
+  orbit: START,
+};

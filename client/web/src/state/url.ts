@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+// A scene as the fragment of a URL, and back. Words that are missing or unreadable take their
+// defaults, so that a link of another version still opens.
+import { clampOrbit, START, type Vec3 } from "../scene/camera";
+import {
+  FIRST,
+  FIRST_LAMP,
+  TERMS,
+  TONES,
+  type LampState,
+  type SceneState,
+} from "./scene-state";
+
+const round = (x: number, digits = 2) => Number(x.toFixed(digits));
+const list = (values: readonly number[], digits = 2) =>
+  values.map((x) => round(x, digits)).join(",");
+
+function numbers(text: string | null, n: number): number[] | null {
+  const values = (text ?? "").split(",").map((word) => (word.trim() ? Number(word) : NaN));
+  return values.length === n && values.every(Number.isFinite) ? values : null;
+}
+function number(text: string | null, otherwise: number, least: number, most: number): number {
+  const [x] = numbers(text, 1) ?? [];
+  return x === undefined ? otherwise : Math.min(most, Math.max(least, x));
+}
+function word<T extends string>(text: string | null, words: readonly T[], otherwise: T): T {
+  return words.find((one) => one === text) ?? otherwise;
+}
+
+// ENV@ROTATE,TILT[,R,G,B]
+function lampText(lamp: LampState): string {
+  const gain = lamp.gain.every((x) => x === 1) ? [] : lamp.gain;
+  return `${lamp.env}@${list([lamp.rotate, lamp.tilt, ...gain], 3)}`;
+}
+function lampFrom(text: string): LampState | null {
+  const at = text.lastIndexOf("@");
+  const env = at < 0 ? text : text.slice(0, at);
+  if (
+    !/^(page:[a-z]+|env:[0-9a-f]{64}|constant(:[0-9.eE+-]+,[0-9.eE+-]+,[0-9.eE+-]+)?)$/.test(
+      env,
+    )
+  )
+    return null;
+  const values =
+    at < 0 ? [0, 0] : (numbers(text.slice(at + 1), 2) ?? numbers(text.slice(at + 1), 5));
+  if (!values) return null;
+  const [rotate = 0, tilt = 0, r = 1, g = 1, b = 1] = values;
+  const gain = [r, g, b].map((x) => Math.min(1e4, Math.max(0, x))) as Vec3;
+  return { env, rotate, tilt: Math.min(90, Math.max(-90, tilt)), gain };
+}
+
+export function toFragment(scene: SceneState): string {
+  const out = new URLSearchParams();
+  if (scene.model) out.set("model", scene.model);
+  for (const lamp of scene.lamps) out.append("light", lampText(lamp));
+  if (scene.material) out.set("material", scene.material);
+  if (scene.term !== FIRST.term) out.set("term", scene.term);
+  if (scene.exposure) out.set("ev", String(round(scene.exposure)));
+  if (scene.tone !== FIRST.tone) out.set("tone", scene.tone);
+  if (scene.background === "environment") out.set("background", "environment");
+  else if (list(scene.background, 4) !== list(FIRST.background as Vec3, 4))
+    out.set("background", list(scene.background, 4));
+  const { azimuth, elevation, zoom, panX, panY } = scene.orbit;
+  out.set("orbit", list([azimuth, elevation, zoom, ...(panX || panY ? [panX, panY] : [])], 3));
+  // Commas, colons and at-signs may stand in a fragment as they are.
+  return out.toString().replace(/%2C/g, ",").replace(/%3A/g, ":").replace(/%40/g, "@");
+}
+
+export function fromFragment(fragment: string): SceneState {
+  const words = new URLSearchParams(fragment.replace(/^#/, ""));
+  const lamps = words
+    .getAll("light")
+    .map(lampFrom)
+    .filter((lamp) => lamp !== null)
+    .slice(0, 8);
+  const orbit = numbers(words.get("orbit"), 3) ?? numbers(words.get("orbit"), 5);
+  const [azimuth = START.azimuth, elevation = START.elevation, zoom = 1, panX = 0, panY = 0] =
+    orbit ?? [];
+  const background = words.get("background");
+  return {
+    model: (words.get("model") ?? "").slice(0, 300),
+    lamps: lamps.length ? lamps : [FIRST_LAMP],
+    material: (words.get("material") ?? "").slice(0, 8000),
+    term: word(words.get("term"), TERMS, FIRST.term),
+    exposure: number(words.get("ev"), 0, -16, 16),
+    tone: word(words.get("tone"), TONES, FIRST.tone),
+    background:
+      background === "environment"
+        ? background
+        : ((numbers(background, 3)?.map((x) => Math.max(0, x)) as Vec3 | undefined) ??
+          FIRST.background),
+    orbit: clampOrbit({ azimuth, elevation, zoom, panX, panY }),
+  };
+}

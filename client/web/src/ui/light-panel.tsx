@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: MIT
+// Light: the gallery of environments, and turn, height, strength and colour of each lamp.
+import { useEffect, useRef } from "preact/hooks";
+import { useSignal } from "@preact/signals";
+import { BUILTIN_LIGHTS } from "../scene/builtin-lights";
+import { thumbnail } from "../scene/thumbnails";
+import { Icon, IconButton, Section, Slider } from "./controls";
+import {
+  addLamp,
+  client,
+  commit,
+  environments,
+  mayUpload,
+  removeLamp,
+  scene,
+  set,
+  setLamp,
+  takeFiles,
+} from "./store";
+
+function Ball({ env }: { env: string }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  useEffect(() => {
+    let live = true;
+    thumbnail(client, env)
+      .then((pixels) => {
+        if (live) canvas.current?.getContext("2d")?.putImageData(pixels, 0, 0);
+      })
+      .catch(() => undefined);
+    return () => {
+      live = false;
+    };
+  }, [env]);
+  return <canvas ref={canvas} class="ball" width={88} height={88} aria-hidden="true" />;
+}
+
+export function environmentName(env: string): string {
+  const builtin = BUILTIN_LIGHTS.find((light) => `page:${light.id}` === env);
+  if (builtin) return builtin.name;
+  if (env.startsWith("constant")) return "Even";
+  const known = environments.value.find((entry) => entry.env === env);
+  return known?.name.replace(/\.[a-z]+$/i, "") || `${env.slice(4, 10)}…`;
+}
+
+function gallery(): string[] {
+  return [
+    ...BUILTIN_LIGHTS.map((light) => `page:${light.id}`),
+    "constant",
+    ...environments.value.map((entry) => entry.env),
+  ];
+}
+
+function Tint({ index }: { index: number }) {
+  const lamp = scene.value.lamps[index];
+  if (!lamp) return null;
+  const most = Math.max(...lamp.gain, 1e-6);
+  const hex = `#${lamp.gain
+    .map((x) =>
+      Math.round(255 * (x / most) ** (1 / 2.2))
+        .toString(16)
+        .padStart(2, "0"),
+    )
+    .join("")}`;
+  return (
+    <label class="tint">
+      Colour
+      <input
+        type="color"
+        value={hex}
+        onInput={(event) => {
+          const text = event.currentTarget.value;
+          const rgb = [1, 3, 5].map((i) => (parseInt(text.slice(i, i + 2), 16) / 255) ** 2.2);
+          const top = Math.max(...rgb, 1e-6);
+          setLamp(index, {
+            gain: rgb.map((x) => (x / top) * most) as [number, number, number],
+          });
+        }}
+        onChange={commit}
+      />
+    </label>
+  );
+}
+
+function Lamp({ index }: { index: number }) {
+  const lamp = scene.value.lamps[index];
+  if (!lamp) return null;
+  const many = scene.value.lamps.length > 1;
+  const strength = Math.max(...lamp.gain, 1e-6);
+  const brighten = (ev: number) => {
+    const k = 2 ** ev / strength;
+    setLamp(index, { gain: lamp.gain.map((x) => x * k) as [number, number, number] });
+  };
+  return (
+    <Section
+      title={many ? `Light ${index + 1}: ${environmentName(lamp.env)}` : "Direction"}
+      aside={
+        many && (
+          <IconButton
+            icon="close"
+            label={`Remove light ${index + 1}`}
+            onClick={() => removeLamp(index)}
+          />
+        )
+      }
+    >
+      <Slider
+        label="Turn"
+        unit="°"
+        min={0}
+        max={360}
+        value={lamp.rotate}
+        onInput={(rotate) => setLamp(index, { rotate: rotate % 360 })}
+        onDone={commit}
+      />
+      <Slider
+        label="Height"
+        unit="°"
+        min={-90}
+        max={90}
+        value={lamp.tilt}
+        onInput={(tilt) => setLamp(index, { tilt: Math.round(tilt) })}
+        onDone={commit}
+      />
+      <Slider
+        label="Strength"
+        unit="EV"
+        min={-6}
+        max={6}
+        digits={2}
+        value={Math.log2(strength)}
+        onInput={brighten}
+        onDone={commit}
+      />
+      <Tint index={index} />
+    </Section>
+  );
+}
+
+export function LightPanel() {
+  const chosen = useSignal(0);
+  const { lamps } = scene.value;
+  const index = Math.min(chosen.value, lamps.length - 1);
+  const choose = (env: string) =>
+    set({ lamps: lamps.map((lamp, i) => (i === index ? { ...lamp, env } : lamp)) });
+  return (
+    <>
+      <Section title="Environment">
+        {lamps.length > 1 && (
+          <div class="choice" role="radiogroup" aria-label="Which light is chosen here">
+            {lamps.map((_, i) => (
+              <button
+                key={i}
+                type="button"
+                role="radio"
+                aria-checked={i === index}
+                onClick={() => (chosen.value = i)}
+              >
+                Light {i + 1}
+              </button>
+            ))}
+          </div>
+        )}
+        <div class="gallery" role="radiogroup" aria-label="Environment">
+          {gallery().map((env) => (
+            <button
+              key={env}
+              type="button"
+              class="card"
+              role="radio"
+              aria-checked={lamps[index]?.env === env}
+              onClick={() => choose(env)}
+            >
+              <Ball env={env} />
+              <span>{environmentName(env)}</span>
+            </button>
+          ))}
+          {mayUpload.value && (
+            <label class="card add">
+              <span class="ball">
+                <Icon name="plus" />
+              </span>
+              <span>HDR, EXR…</span>
+              <input
+                type="file"
+                class="hidden-input"
+                accept=".hdr,.exr,.png,.jpg,.jpeg"
+                onChange={(event) => void takeFiles(event.currentTarget.files ?? [])}
+              />
+            </label>
+          )}
+        </div>
+      </Section>
+      {lamps.map((_, i) => (
+        <Lamp key={i} index={i} />
+      ))}
+      {lamps.length < 4 && (
+        <button type="button" class="quiet" onClick={addLamp}>
+          <Icon name="plus" /> Another light
+        </button>
+      )}
+    </>
+  );
+}

@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: MIT
+// Material: presets, and the medium's numbers, by coefficients or by colour and mean free path.
+import { useSignal } from "@preact/signals";
+import { fromColor, mediumText, PRESET_NAMES, toColor, type Medium } from "../state/material";
+import { Choice, Section, Slider } from "./controls";
+import { change, commit, info, materialIsOpen, medium, notice, scene, set } from "./store";
+
+type Rgb = [number, number, number];
+const CHANNELS = ["red", "green", "blue"] as const;
+const NAMES: Record<string, string> = {
+  chicken1: "Chicken",
+  chicken2: "Chicken, dark",
+  skimmilk: "Skim milk",
+  wholemilk: "Whole milk",
+  skin1: "Skin",
+  skin2: "Skin, light",
+};
+const title = (preset: string) =>
+  NAMES[preset] ?? preset.charAt(0).toUpperCase() + preset.slice(1);
+
+function Triple(props: {
+  label: string;
+  unit: string;
+  value: Rgb;
+  min: number;
+  max: number;
+  log?: boolean;
+  field: string;
+  onInput: (value: Rgb) => void;
+}) {
+  const refused = notice.value?.text ?? "";
+  return (
+    <fieldset class="triple">
+      <legend>
+        {props.label} <span class="unit">{props.unit}</span>
+      </legend>
+      {CHANNELS.map((tone, c) => (
+        <Slider
+          key={tone}
+          label={tone.charAt(0).toUpperCase() + tone.slice(1)}
+          tone={tone}
+          min={props.min}
+          max={props.max}
+          log={props.log ?? false}
+          value={props.value[c] ?? 0}
+          {...(refused.includes(`${props.field}[${c}]`) ? { warning: refused } : {})}
+          onInput={(x) => props.onInput(props.value.map((y, i) => (i === c ? x : y)) as Rgb)}
+          onDone={commit}
+        />
+      ))}
+    </fieldset>
+  );
+}
+
+function Numbers({ medium: m }: { medium: Medium }) {
+  const by = useSignal<"coefficients" | "colour">("colour");
+  const put = (part: Partial<Medium>) =>
+    change({ material: mediumText({ ...m, ...part, name: "" }) });
+  const { color, freePath } = toColor(m);
+  return (
+    <>
+      <Choice
+        label="How the medium is given"
+        value={by.value}
+        options={[
+          { value: "colour", label: "Colour, depth" },
+          { value: "coefficients", label: "σs′, σa" },
+        ]}
+        onChange={(value) => (by.value = value)}
+      />
+      {by.value === "colour" ? (
+        <>
+          <Triple
+            label="Diffuse colour"
+            unit="albedo"
+            field="sigma_a"
+            value={color}
+            min={0.01}
+            max={0.99}
+            onInput={(c) => change({ material: mediumText(fromColor(c, freePath, m)) })}
+          />
+          <Triple
+            label="Mean free path"
+            unit="mm"
+            field="sigma_s_prime"
+            value={freePath}
+            min={0.02}
+            max={20}
+            log
+            onInput={(p) => change({ material: mediumText(fromColor(color, p, m)) })}
+          />
+        </>
+      ) : (
+        <>
+          <Triple
+            label="Reduced scattering σs′"
+            unit="mm⁻¹"
+            field="sigma_s_prime"
+            value={m.sigmaSPrime}
+            min={0.01}
+            max={30}
+            log
+            onInput={(sigmaSPrime) => put({ sigmaSPrime })}
+          />
+          <Triple
+            label="Absorption σa"
+            unit="mm⁻¹"
+            field="sigma_a"
+            value={m.sigmaA}
+            min={0.0001}
+            max={3}
+            log
+            onInput={(sigmaA) => put({ sigmaA })}
+          />
+        </>
+      )}
+      <Slider
+        label="Roughness"
+        min={0.02}
+        max={1}
+        value={m.roughness}
+        onInput={(roughness) => put({ roughness })}
+        onDone={commit}
+      />
+      <Slider
+        label="Anisotropy g"
+        min={-0.9}
+        max={0.9}
+        value={m.g[0]}
+        onInput={(g) => put({ g: [g, g, g] })}
+        onDone={commit}
+      />
+    </>
+  );
+}
+
+export function MaterialPanel() {
+  if (!info.value) return <p class="hint">Choose a model first.</p>;
+  const m = medium.value;
+  const shown = scene.value.material || info.value.material;
+  if (!materialIsOpen.value)
+    return (
+      <Section title="Material">
+        <p class="fixed-medium">
+          <b>{m?.name ? title(m.name) : "A medium of its own"}</b>
+        </p>
+        <p class="hint">
+          This bake holds one medium, so that it is small and exact. Load the model without a
+          material to edit it freely: its bake then leaves the medium open.
+        </p>
+        {m && (
+          <dl class="facts">
+            <dt>σs′</dt>
+            <dd>{m.sigmaSPrime.join(", ")} mm⁻¹</dd>
+            <dt>σa</dt>
+            <dd>{m.sigmaA.join(", ")} mm⁻¹</dd>
+            <dt>η</dt>
+            <dd>{m.eta}</dd>
+            <dt>Roughness</dt>
+            <dd>{m.roughness}</dd>
+          </dl>
+        )}
+      </Section>
+    );
+  return (
+    <Section title="Material">
+      <div class="chips" role="radiogroup" aria-label="Preset">
+        {PRESET_NAMES.map((name) => (
+          <button
+            key={name}
+            type="button"
+            role="radio"
+            aria-checked={
+              shown === name || (m?.name === name && !scene.value.material.startsWith("{"))
+            }
+            onClick={() => set({ material: name })}
+          >
+            {title(name)}
+          </button>
+        ))}
+      </div>
+      {m ? (
+        <Numbers medium={m} />
+      ) : (
+        <p class="hint">This medium is a profile of another kind.</p>
+      )}
+      {scene.value.material && (
+        <button type="button" class="quiet" onClick={() => set({ material: "" })}>
+          The model's own medium
+        </button>
+      )}
+    </Section>
+  );
+}

@@ -1,0 +1,365 @@
+// SPDX-License-Identifier: MIT
+// The page's one store: the connection, the scene with its history, what the daemon has, and
+// what is said to the person.
+import { computed, effect, signal } from "@preact/signals";
+import {
+  EventKind,
+  EventSchema,
+  ImageFormat,
+  ListAnswerSchema,
+  ListRequestSchema,
+  LoadAnswerSchema,
+  LoadRequestSchema,
+  SubscribeRequestSchema,
+  Engine,
+  type EnvironmentEntry,
+  type ModelInfo,
+} from "../gen/relight_pb";
+import { Client, type ConnectionState } from "../protocol/client";
+import { explain, type Notice } from "../protocol/errors";
+import { Type } from "../protocol/frame";
+import { upload } from "../protocol/upload";
+import { clampOrbit, START, type Orbit } from "../scene/camera";
+import { NO_STATUS, type Status, type Viewer } from "../scene/viewer";
+import { parseMedium } from "../state/material";
+import { FIRST_LAMP, type LampState, type SceneState } from "../state/scene-state";
+import { fromFragment, toFragment } from "../state/url";
+
+const TOKEN_KEY = "relight-token";
+
+// ---- the token: from the fragment or a prompt, kept for the tab, for longer only when asked
+
+function firstToken(): string {
+  const words = new URLSearchParams(location.hash.slice(1));
+  const given = words.get("token");
+  if (given !== null) {
+    words.delete("token");
+    history.replaceState(history.state, "", `#${words.toString()}`);
+    sessionStorage.setItem(TOKEN_KEY, given);
+    return given;
+  }
+  return sessionStorage.getItem(TOKEN_KEY) ?? localStorage.getItem(TOKEN_KEY) ?? "";
+}
+
+export function useToken(token: string, remember: boolean): void {
+  sessionStorage.setItem(TOKEN_KEY, token);
+  if (remember) localStorage.setItem(TOKEN_KEY, token);
+  else localStorage.removeItem(TOKEN_KEY);
+  client.useToken(token);
+}
+
+// ---- signals
+
+const token = firstToken();
+export const connection = signal<ConnectionState>({ is: "connecting" });
+export const scene = signal<SceneState>(fromFragment(location.hash));
+export const status = signal<Status>(NO_STATUS);
+export const info = signal<ModelInfo | null>(null);
+export const models = signal<ModelInfo[] | null>(null);
+export const environments = signal<EnvironmentEntry[]>([]);
+export const notice = signal<Notice | null>(null);
+export const bytesPerSecond = signal(0);
+export const busy = signal("");
+export interface UploadState {
+  name: string;
+  share: number;
+  cancelled: boolean;
+}
+export const uploading = signal<UploadState | null>(null);
+/** What a dropped model is taken for. */
+export const uploadSizeMm = signal(50);
+export const uploadMaterial = signal("marble");
+/** What was baked last by this page, so that its size or medium can be chosen anew. */
+export const lastUpload = signal<{ model: string; name: string; hash: string } | null>(null);
+
+export const mayUpload = computed(
+  () => connection.value.is === "ready" && connection.value.hello.scopes.includes("upload"),
+);
+/** Whether the medium of the shown model can be changed. */
+export const materialIsOpen = computed(() => {
+  const shown = info.value;
+  if (!shown) return false;
+  return (
+    shown.engine === Engine.JOINT ||
+    shown.engine === Engine.POLYNOMIAL ||
+    status.value.mode === "pictures"
+  );
+});
+export const medium = computed(() =>
+  parseMedium(scene.value.material || info.value?.material || ""),
+);
+
+export const client = new Client(
+  `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`,
+  { token, name: "relight-page 0.1.0", changed: connectionChanged },
+);
+export let viewer: Viewer | null = null;
+
+export function useViewer(made: Viewer): void {
+  viewer = made;
+  if (connection.value.is === "ready") viewer.show(scene.value);
+}
+
+// ---- the scene and its history
+
+const undone = signal<SceneState[]>([]);
+const done = signal<SceneState[]>([]);
+export const canUndo = computed(() => done.value.length > 0);
+export const canRedo = computed(() => undone.value.length > 0);
+let committed = scene.value;
+
+/** Changes the scene; commit() makes a step of it. */
+export function change(part: Partial<SceneState>): void {
+  scene.value = { ...scene.value, ...part };
+}
+/** A finished change: a step of undo, and an entry of the browser's history. */
+export function commit(): void {
+  const now = scene.value;
+  if (toFragment(now) === toFragment(committed)) return;
+  done.value = [...done.value, committed].slice(-100);
+  undone.value = [];
+  committed = now;
+  history.pushState(null, "", `#${toFragment(now)}`);
+}
+export function set(part: Partial<SceneState>): void {
+  change(part);
+  commit();
+}
+function step(from: typeof done, to: typeof done): void {
+  const next = from.value.at(-1);
+  if (!next) return;
+  from.value = from.value.slice(0, -1);
+  to.value = [...to.value, committed];
+  committed = next;
+  scene.value = next;
+  history.replaceState(null, "", `#${toFragment(next)}`);
+}
+export const undo = () => step(done, undone);
+export const redo = () => step(undone, done);
+
+addEventListener("popstate", () => {
+  scene.value = committed = fromFragment(location.hash);
+});
+
+export function setOrbit(orbit: Orbit): void {
+  change({ orbit: clampOrbit(orbit) });
+}
+export function resetOrbit(): void {
+  set({ orbit: START });
+}
+export function setLamp(index: number, part: Partial<LampState>): void {
+  change({
+    lamps: scene.value.lamps.map((lamp, i) => (i === index ? { ...lamp, ...part } : lamp)),
+  });
+}
+const turned = (deg: number) => ((deg % 360) + 360) % 360;
+/** Turns all lamps, as a hand on the stage does. */
+export function turnLight(rotate: number, tilt: number): void {
+  change({
+    lamps: scene.value.lamps.map((lamp) => ({
+      ...lamp,
+      rotate: turned(lamp.rotate + rotate),
+      tilt: Math.min(90, Math.max(-90, lamp.tilt + tilt)),
+    })),
+  });
+}
+export function addLamp(): void {
+  set({ lamps: [...scene.value.lamps, { ...FIRST_LAMP, env: "page:rim" }] });
+}
+export function removeLamp(index: number): void {
+  if (scene.value.lamps.length > 1)
+    set({ lamps: scene.value.lamps.filter((_, i) => i !== index) });
+}
+
+effect(() => {
+  const now = scene.value; // read even before there is a viewer: the effect follows it
+  viewer?.show(now);
+});
+
+// ---- the daemon
+
+export function fault(error: unknown): void {
+  notice.value = explain(error);
+}
+export function fine(): void {
+  if (notice.value && notice.value.kind !== "forbidden") notice.value = null;
+}
+
+function connectionChanged(state: ConnectionState): void {
+  connection.value = state;
+  if (state.is === "ready") {
+    notice.value = null;
+    void refresh();
+    subscribe();
+    viewer?.show(scene.value);
+    void viewer?.open();
+  } else if (state.is === "refused") fault(state.error);
+}
+
+/** Reads the lists of models and environments anew. */
+export async function refresh(): Promise<void> {
+  try {
+    const { message } = await client.request(
+      Type.List,
+      ListRequestSchema,
+      { environments: true, files: true },
+      ListAnswerSchema,
+    );
+    models.value = message.models;
+    environments.value = message.environments;
+    files.value = message.files.map((file) => file.path);
+    if (!scene.value.model) chooseFirst();
+  } catch (error) {
+    if (client.hello) fault(error);
+  }
+}
+/** Files of the daemon's models folder. */
+export const files = signal<string[]>([]);
+
+function chooseFirst(): void {
+  const first = models.value?.[0];
+  if (first) {
+    change({ model: first.name || first.model });
+    committed = scene.value;
+    return;
+  }
+  const file = files.value.find((path) => path.endsWith(".prt"));
+  if (file) void openFile(file);
+}
+
+/** Loads a file of the models folder and shows it. */
+export async function openFile(path: string): Promise<void> {
+  busy.value = `Loading ${path}`;
+  try {
+    const { message } = await client.request(
+      Type.Load,
+      LoadRequestSchema,
+      { path },
+      LoadAnswerSchema,
+    );
+    set({ model: message.model, material: "" });
+    await refresh();
+  } catch (error) {
+    fault(error);
+  } finally {
+    busy.value = "";
+  }
+}
+
+let refreshTimer: ReturnType<typeof setTimeout> | undefined;
+function subscribe(): void {
+  client.stream(
+    Type.Subscribe,
+    SubscribeRequestSchema,
+    {
+      kinds: [
+        EventKind.EVENT_MODEL_ADDED,
+        EventKind.EVENT_MODEL_CHANGED,
+        EventKind.EVENT_MODEL_REPLACED,
+        EventKind.EVENT_MODEL_REMOVED,
+        EventKind.EVENT_ENVIRONMENT_ADDED,
+      ],
+    },
+    EventSchema,
+    ({ message }) => {
+      if (message.kind === EventKind.EVENT_NONE && !message.lost) return;
+      clearTimeout(refreshTimer);
+      refreshTimer = setTimeout(() => void refresh(), 250);
+    },
+    () => undefined,
+  );
+}
+
+// ---- uploads
+
+const MODEL_FILE = /\.(glb|gltf|obj|ply|stl|prt)$/i;
+const LIGHT_FILE = /\.(hdr|exr|png|jpe?g)$/i;
+
+/** A dropped or chosen file: a model is shown at once and baked, an image becomes the light. */
+export async function takeFiles(list: Iterable<File>): Promise<void> {
+  for (const file of list) {
+    if (!MODEL_FILE.test(file.name) && !LIGHT_FILE.test(file.name)) {
+      fault(
+        new Error(
+          `${file.name} is no model (.glb .gltf .obj .ply .stl) and no light (.hdr .exr .png .jpg)`,
+        ),
+      );
+      continue;
+    }
+    try {
+      await takeFile(file);
+    } catch (error) {
+      if (!(error instanceof DOMException && error.name === "AbortError")) fault(error);
+    } finally {
+      uploading.value = null;
+    }
+  }
+}
+async function takeFile(file: File): Promise<void> {
+  uploading.value = { name: file.name, share: 0, cancelled: false };
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  const hash = await upload(
+    client,
+    file.name,
+    bytes,
+    (share) => {
+      if (uploading.value) uploading.value = { ...uploading.value, share };
+    },
+    () => uploading.value?.cancelled ?? false,
+  );
+  if (LIGHT_FILE.test(file.name)) {
+    set({
+      lamps: [{ ...FIRST_LAMP, env: `env:${hash}` }, ...scene.value.lamps.slice(1)],
+      background: "environment",
+    });
+    await refresh();
+  } else await loadUpload(file.name, hash);
+}
+/** Loads an uploaded model in the size and medium that are chosen; the daemon begins its bake. */
+export async function loadUpload(name: string, hash: string): Promise<void> {
+  const { message } = await client.request(
+    Type.Load,
+    LoadRequestSchema,
+    {
+      files: [{ name, blob: hash }],
+      name,
+      sizeMm: uploadSizeMm.value,
+      material: uploadMaterial.value,
+    },
+    LoadAnswerSchema,
+  );
+  lastUpload.value = { model: message.model, name, hash };
+  set({ model: message.model, material: "", orbit: START });
+  await refresh();
+}
+
+// ---- pictures to keep
+
+export function save(bytes: Uint8Array, name: string, type: string): void {
+  const url = URL.createObjectURL(new Blob([bytes.slice()], { type }));
+  const link = document.createElement("a");
+  link.href = url;
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 10000);
+}
+export async function screenshot(kind: "png" | "exr"): Promise<void> {
+  busy.value = "The daemon draws the picture";
+  try {
+    const format = kind === "png" ? ImageFormat.IMAGE_PNG : ImageFormat.IMAGE_EXR;
+    const picture = await viewer?.still(format);
+    const name = (info.value?.name || "relight").replace(/\.[a-z0-9]+$/i, "");
+    if (picture)
+      save(picture.bytes, `${name}.${kind}`, kind === "png" ? "image/png" : "image/x-exr");
+  } catch (error) {
+    fault(error);
+  } finally {
+    busy.value = "";
+  }
+}
+
+let receivedBefore = 0;
+setInterval(() => {
+  bytesPerSecond.value = client.received - receivedBefore;
+  receivedBefore = client.received;
+}, 1000);

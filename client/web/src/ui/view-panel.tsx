@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: MIT
+// View: exposure, tone curve, background, the part of the light that is shown, pictures to keep.
+import { TERMS, TONES, type Term, type Tone } from "../state/scene-state";
+import { Choice, Icon, Section, Slider } from "./controls";
+import { change, commit, resetOrbit, scene, screenshot, set } from "./store";
+import type { Vec3 } from "../scene/camera";
+
+const TERM_NAMES: Record<Term, string> = {
+  total: "All",
+  multiple: "Multiple",
+  single: "Single",
+  irradiance: "Irradiance",
+};
+const TONE_NAMES: Record<Tone, string> = {
+  filmic: "Filmic",
+  reinhard: "Reinhard",
+  none: "Linear",
+};
+const BACKGROUNDS: { value: string; label: string; background: "environment" | Vec3 }[] = [
+  { value: "dark", label: "Dark", background: [0.018, 0.019, 0.022] },
+  { value: "grey", label: "Grey", background: [0.18, 0.18, 0.18] },
+  { value: "light", label: "Light", background: [1.6, 1.58, 1.54] },
+  { value: "environment", label: "Environment", background: "environment" },
+];
+
+export function ViewPanel() {
+  const { exposure, tone, term, background } = scene.value;
+  const shown =
+    BACKGROUNDS.find((one) => JSON.stringify(one.background) === JSON.stringify(background))
+      ?.value ?? "";
+  return (
+    <>
+      <Section title="Picture">
+        <Slider
+          label="Exposure"
+          unit="EV"
+          min={-8}
+          max={8}
+          value={exposure}
+          onInput={(x) => change({ exposure: Math.round(x * 20) / 20 })}
+          onDone={commit}
+        />
+        <Choice
+          label="Tone curve"
+          value={tone}
+          options={TONES.map((value) => ({ value, label: TONE_NAMES[value] }))}
+          onChange={(value) => set({ tone: value })}
+        />
+      </Section>
+      <Section title="Background">
+        <Choice
+          label="Background"
+          value={shown}
+          options={BACKGROUNDS}
+          onChange={(value) => {
+            const one = BACKGROUNDS.find((each) => each.value === value);
+            if (one) set({ background: one.background });
+          }}
+        />
+      </Section>
+      <Section title="Light that is shown">
+        <Choice
+          label="Term"
+          value={term}
+          options={TERMS.map((value) => ({ value, label: TERM_NAMES[value] }))}
+          onChange={(value) => set({ term: value })}
+        />
+        <p class="hint">
+          {term === "total" && "Scattered light and reflections, as a camera sees them."}
+          {term === "multiple" && "Light that scattered many times in the medium."}
+          {term === "single" && "Light that scattered once."}
+          {term === "irradiance" &&
+            "Light that arrives at the surface; it is traced and takes seconds."}
+        </p>
+      </Section>
+      <Section title="Keep">
+        <div class="row">
+          <button type="button" onClick={() => void screenshot("png")}>
+            <Icon name="camera" /> PNG
+          </button>
+          <button type="button" onClick={() => void screenshot("exr")}>
+            EXR, linear
+          </button>
+          <button type="button" onClick={resetOrbit}>
+            <Icon name="reset" /> Camera
+          </button>
+        </div>
+      </Section>
+    </>
+  );
+}

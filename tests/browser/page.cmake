@@ -1,0 +1,10 @@
+# The page (client/web), where it is built: its types, style and units, and the real page in a
+# browser against a real daemon.
+if(TARGET page)
+  set(web ${CMAKE_SOURCE_DIR}/client/web)
+  add_test(NAME page_types COMMAND ${web}/node_modules/.bin/tsc --noEmit WORKING_DIRECTORY ${web})
+  add_test(NAME page_style COMMAND sh -c "./node_modules/.bin/eslint . && ./node_modules/.bin/prettier --check ."
+    WORKING_DIRECTORY ${web})
+  add_test(NAME page_units COMMAND ${web}/node_modules/.bin/vitest run WORKING_DIRECTORY ${web})
+  set_tests_properties(page_types page_style page_units PROPERTIES LABELS browser TIMEOUT 300)
+endif()

@@ -1,0 +1,175 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Signed links: a picture without a token until the link expires or its token is revoked, for pages
+of any origin; nothing else with it. Pages of allowed origins may read the API.
+
+   signed_links.py FOLDER_OF_THE_PROGRAMS"""
+import base64
+import hashlib
+import hmac
+import json
+import os
+import subprocess
+import sys
+import time
+import urllib.parse
+
+from web import OCTAHEDRON, SMALL, Daemon, sky
+
+PATH = "/v1/models/small/image.jpg?env=studio&rotate=30&size=64x48"
+FOREIGN = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}
+
+
+def relight(d, *arguments, token=None, expect=0):
+    environment = dict(os.environ, RELIGHT_SERVER="unix:%s/s" % d.folder)
+    environment.pop("RELIGHT_TOKEN", None)
+    if token:
+        environment["RELIGHT_TOKEN"] = token
+    done = subprocess.run([d.binaries + "/relight", *arguments], env=environment,
+                          capture_output=True, text=True, timeout=60)
+    assert done.returncode == expect, (arguments, done.returncode, done.stderr)
+    return (done.stdout if not expect else done.stderr).strip()
+
+
+def refused(d, url, status=403, method="GET", headers=None):
+    got, answer, body = d.ask(method, url, headers=headers)
+    assert got == status, (url, got, body[:300])
+    assert not body.startswith(b"\xff\xd8")
+    return json.loads(body) if body.startswith(b"{") else None
+
+
+def sign(token, by, path, query, expires):
+    """As PROTOCOL.md says it, without a daemon."""
+    pairs = sorted(urllib.parse.parse_qsl(query) + [("by", by), ("expires", str(expires))])
+    text = "&".join(name + "=" + urllib.parse.quote(value, safe="-._~") for name, value in pairs)
+    key = hashlib.blake2b(token.encode(), digest_size=32).digest()
+    said = "relight-url-1\n%s\n%s" % (urllib.parse.quote(path, safe="-._~/"), text)
+    mac = hmac.new(key, said.encode(), hashlib.sha256).digest()
+    return "%s?%s&sig=%s" % (path, text, base64.urlsafe_b64encode(mac).decode().rstrip("="))
+
+
+def pictures_by_link(d, shop):
+    link = relight(d, "sign", PATH, token=shop)
+    assert "by=shop" in link and "expires=" in link
+    status, headers, picture = d.ask("GET", link)
+    assert status == 200 and headers["content-type"] == "image/jpeg" and picture[:2] == b"\xff\xd8"
+    assert headers["cache-control"].startswith("public, max-age="), headers
+    assert headers["cross-origin-resource-policy"] == "cross-origin"
+    # The same with the token itself, and again by its tag.
+    own = d.ask("GET", PATH, headers={"Authorization": "Bearer " + shop})
+    assert own[2] == picture and "max-age" not in own[1]["cache-control"]
+    assert d.ask("GET", link, headers={"If-None-Match": headers["etag"]})[0] == 304
+    assert d.ask("HEAD", link)[0] == 200
+    # In a page of another origin, as <img> and as <img crossorigin>.
+    assert d.ask("GET", link, headers=FOREIGN)[2] == picture
+    far = d.ask("GET", link, headers={"Origin": "https://shop.example"})
+    assert far[0] == 200 and far[1]["access-control-allow-origin"] == "https://shop.example"
+    # Parameters in another order and with other escapes are the same link.
+    path, query = link.split("?")
+    words = query.split("&")
+    assert d.ask("GET", path + "?" + "&".join(reversed(words)))[2] == picture
+    assert d.ask("GET", link.replace("studio", "%73tudio"))[2] == picture
+    return link
+
+
+def tampering(d, link, shop):
+    for old, new in (("rotate=30", "rotate=31"), ("64x48", "4096x4096"), ("studio", "constant"),
+                     ("small", "other"), ("image.jpg", "image.png"), ("by=shop", "by=default"),
+                     ("by=shop", "by=anna"), ("&rotate=30", "")):
+        assert old in link
+        refused(d, link.replace(old, new, 1))
+    expires = link.split("expires=")[1].split("&")[0]
+    refused(d, link.replace(expires, str(int(expires) + 1)))
+    refused(d, link + "&max_error=0.5")
+    refused(d, link[:-1] + ("A" if link[-1] != "A" else "B"))
+    refused(d, link.split("&sig=")[0] + "&sig=")
+    refused(d, link.split("&sig=")[0] + "&sig=" + "A" * 43)
+    # Nothing but pictures, and no other method.
+    for path in ("/v1/models", "/v1/models/small", "/v1/models/small/colors", "/metrics", "/healthz"):
+        refused(d, path + "?" + link.split("?")[1])
+        refused(d, path + "?sig=x", headers=FOREIGN)
+        refused(d, path + "?" + urllib.parse.urlsplit(sign(shop, "shop", path, "", int(expires))).query)
+    refused(d, link, method="DELETE")
+    # A signature does not lend rights to a socket.
+    got = d.ask("GET", "/ws?" + link.split("?")[1], headers={
+        "Origin": "https://evil.example", "Connection": "Upgrade", "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+        "Sec-WebSocket-Protocol": "relight.v1"})[0]
+    assert got == 403, got
+    assert "audit act=refused" in d.log() and "link=/v1/models/small/image.jpg" in d.log()
+
+
+def links_made_without_a_daemon(d, shop, picture):
+    path, query = PATH.split("?")
+    soon = int(time.time()) + 60
+    assert d.ask("GET", sign(shop, "shop", path, query, soon))[2] == picture
+    problem = refused(d, sign(shop, "shop", path, query, int(time.time()) - 1))
+    assert "expired" in problem["detail"], problem
+    refused(d, sign(shop + "x", "shop", path, query, soon))
+
+
+def expiry_and_revocation(d, shop):
+    link = relight(d, "sign", "--expires", "2s", PATH, token=shop)
+    assert d.ask("GET", link)[0] == 200
+    time.sleep(2.1)
+    assert "expired" in refused(d, link)["detail"]
+    link = relight(d, "sign", "--expires", "366d", PATH, token=shop)
+    relight(d, "sign", "--expires", "367d", PATH, token=shop, expect=2)
+    assert d.ask("GET", link)[0] == 200
+    relight(d, "token", "revoke", "shop")
+    refused(d, link)
+    # A token of the same name has another key.
+    relight(d, "token", "create", "--name", "shop", "--scope", "view")
+    refused(d, link)
+
+
+def who_may_sign(d):
+    upload = relight(d, "token", "create", "--name", "up", "--scope", "upload")
+    assert "view" in relight(d, "sign", PATH, token=upload, expect=1)
+    # root's socket has every right, but no token that a link could end with
+    assert "token" in relight(d, "sign", PATH, expect=1)
+    slow = relight(d, "token", "create", "--name", "slow", "--scope", "view", "--rate", "0.01")
+    link = relight(d, "sign", "/v1/models/small/image.jpg?env=constant&size=32x32", token=slow)
+    got = [d.ask("GET", link)[0] for _ in range(12)]
+    assert got[0] == 200 and got[-1] == 429, got
+    for wrong in ("image.jpg", "https://x/v1", PATH + "#a", PATH + "&sig=1", PATH + "&token=a",
+                  PATH + "&a=%zz", "/" + "x" * 600):
+        relight(d, "sign", wrong, token=slow, expect=1)
+
+
+def pages_of_other_origins(d, shop):
+    ours = {"Origin": "https://ours.example"}
+    status, headers, _ = d.ask("OPTIONS", "/v1/models", headers={
+        **ours, "Access-Control-Request-Method": "GET", "Access-Control-Request-Headers": "authorization"})
+    assert status == 204 and headers["access-control-allow-origin"] == "https://ours.example"
+    assert "authorization" in headers["access-control-allow-headers"]
+    status, headers, _ = d.ask("GET", "/v1/models", headers={**ours, "Authorization": "Bearer " + shop})
+    assert status == 200 and headers["access-control-allow-origin"] == "https://ours.example"
+    assert headers["vary"] == "origin"
+    for method in ("OPTIONS", "GET"):
+        assert d.ask(method, "/v1/models", headers={"Origin": "https://evil.example"})[0] == 403
+
+
+def main():
+    d = Daemon(sys.argv[1], "--origins", "https://ours.example")
+    try:
+        shop = relight(d, "token", "create", "--name", "shop", "--scope", "view,upload")
+        with open(d.folder + "/studio.hdr", "wb") as f:
+            f.write(sky())
+        relight(d, "env", d.folder + "/studio.hdr", token=shop)
+        with open(d.folder + "/small.obj", "wb") as f:
+            f.write(OCTAHEDRON)
+        relight(d, "load", d.folder + "/small.obj", "--size-mm", "10", "--material", "marble", "--preview",
+                token=shop)
+        link = pictures_by_link(d, shop)
+        picture = d.ask("GET", link)[2]
+        tampering(d, link, shop)
+        links_made_without_a_daemon(d, shop, picture)
+        pages_of_other_origins(d, shop)
+        who_may_sign(d)
+        expiry_and_revocation(d, shop)
+    finally:
+        d.end()
+
+
+main()

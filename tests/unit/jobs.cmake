@@ -1,0 +1,1 @@
+prt_test(jobs SOURCES unit/jobs.c LIBS relightd_rooms LABELS unit)

@@ -1,0 +1,1 @@
+prt_test(pass_share SOURCES unit/pass_share.c LIBS relightd_rooms LABELS unit)
