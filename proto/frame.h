@@ -73,7 +73,8 @@ enum relight_frame_flag {
     X(ROOM_PICTURE, 32, room_picture_request, image_answer)                 \
     X(ROOM_PRESENCE, 33, room_presence_request, nothing)                    \
     X(ROOM_BACKUP, 34, room_backup_request, room_backup_answer)             \
-    X(SIGN, 35, sign_request, sign_answer)
+    X(SIGN, 35, sign_request, sign_answer)                                  \
+    X(MATERIAL, 36, material_request, material_answer)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

@@ -33,7 +33,11 @@ struct options {
     const char *positions, *normals; /* .npy files of update-vertices */
     uint32_t first;
     struct relight_token_order token_order;
-    const char *scopes, *word; /* word: the second argument, of `token` alone */
+    const char *scopes;
+    const char *words[MAX_WORDS]; /* arguments after the target */
+    unsigned n_word;
+    const char *as, *role, *at, *model; /* of rooms */
+    uint32_t revision, decision;
     bool wait, files, remote, forget, own_units, follow;
 };
 
@@ -72,7 +76,13 @@ void progress_clear(void);
 
 /* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
 int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
-/* Finds the image format that the ending of `path` names; false for any other and for NULL. */
+/* Pictures in the terminal: whether `path` is "-"; the size of a picture for it, where --size
+ * gives none; drawing one of IMAGE_RGB8. */
+bool is_terminal_path(const char *path);
+void fit_terminal(struct options *options);
+int draw_in_terminal(const struct options *options, const struct relight_image *image);
+/* Finds the image format that the ending of `path` names ("-": IMAGE_RGB8); false for any other
+ * and for NULL. */
 bool picture_format(const char *path, enum relight_image_format *out);
 /* The usage error of an -o whose ending is none of `others` ("" or ".csv, ") and of pictures.
  */
@@ -101,6 +111,7 @@ int run_edit(struct relight_client *client, struct options *options);
 int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
+int run_room(struct relight_client *client, struct options *options);
 int run_token(struct relight_client *client, struct options *options);
 int run_sign(struct relight_client *client, struct options *options);
 int run_events(struct relight_client *client, struct options *options);

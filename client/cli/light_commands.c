@@ -186,6 +186,7 @@ int run_image(struct relight_client *client, struct options *o)
     char names[MAX_WORDS][80];
     struct relight_image image;
     if (!picture_format(o->output, &o->picture.format)) return picture_usage(o, "");
+    fit_terminal(o);
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
     if (status) return status;
@@ -196,7 +197,9 @@ int run_image(struct relight_client *client, struct options *o)
                                             .picture = o->picture,
                                             .priority = o->priority};
     if (relight_image(client, &request, &image, &error)) return report_error(o, &error);
-    status = write_file(o, o->output, image.data, image.n_byte);
+    const bool terminal = is_terminal_path(o->output);
+    status = terminal ? draw_in_terminal(o, &image)
+                      : write_file(o, o->output, image.data, image.n_byte);
     if (!status && o->json) {
         cJSON *json = cJSON_CreateObject();
         cJSON_AddStringToObject(json, "file", o->output);
@@ -211,7 +214,7 @@ int run_image(struct relight_client *client, struct options *o)
         }
         add_cost(json, &image.cost);
         print_json(json);
-    } else if (!status && strcmp(o->output, "/dev/stdout")) {
+    } else if (!status && !terminal && strcmp(o->output, "/dev/stdout")) {
         char what[40];
         snprintf(what, sizeof what, "%u x %u", image.width, image.height);
         print_cost(what, o->output, &image.cost);

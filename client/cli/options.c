@@ -202,6 +202,18 @@ static const struct row {
      "bytes of answers that it has not read yet"},
     {30, "follow", NULL, FLAG, AT(follow), 0, 0, NULL, 0,
      "wait for further events, also over a restart of the daemon"},
+    {20, "as", "NAME", TEXT, AT(as), 0, 0, NULL, 0, "your name in the room (default: $USER)"},
+    {21, "role", "ROLE", TEXT, AT(role), 0, 0, NULL, 0,
+     "viewer, reviewer or owner; member: none removes"},
+    {22, "at", "OBJECT,TRIANGLE,B1,B2", TEXT, AT(at), 0, 0, NULL, 0,
+     "a point of the surface: the weights are those of the triangle's second and third corner"},
+    {24, "model", "ID", TEXT, AT(model), 0, 0, NULL, 0, "the model that the room shows"},
+    {25, "revision", "N", WHOLE, AT(revision), 1, UINT32_MAX, NULL, 0,
+     "show: the picture of this revision"},
+    {26, "decision", "N", WHOLE, AT(decision), 1, UINT32_MAX, NULL, 0,
+     "show: the picture that this decision was about"},
+    {28, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
+     "invite: for this time, such as 30d, 12h, 90m or 3600s (default: until it is revoked)"},
     {'u', "own-units", NULL, FLAG, AT(own_units), 0, 0, NULL, 0,
      "positions in the model's units (default: mm)"},
 };
@@ -266,7 +278,9 @@ const struct command commands[] = {
      COMMON LIGHT "ofx", true, run_colors},
     {"image", "ID",
      "Relights a model to a picture.\v"
-     "FILE ends in .png, .jpg or .exr (linear radiance).\n\n"
+     "FILE ends in .png, .jpg or .exr (linear radiance); - draws in the terminal: by kitty's "
+     "protocol, as sixels or as half blocks, which $RELIGHT_TERMINAL (kitty, sixel, blocks, "
+     "blocks256) overrides.\n\n"
      "Examples:\n  relight image bunny --env sunrise.exr --size 1280x720 -o bunny.png\n"
      "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 --exposure -1 -o bunny.exr\n"
      "  relight image head --env studio.exr --albedo-map skin.jpg --normal-map skin_n.png "
@@ -306,6 +320,29 @@ const struct command commands[] = {
      "  relight token create --name scraper --scope view --rate 1\n"
      "  relight token list\n  relight token revoke anna",
      COMMON TOKEN, true, run_token},
+    {"room", "VERB [ARGUMENT...]",
+     "Reviews models and materials with others.\v"
+     "A room has a scene (model, lights, material, camera), pins with notes on the surface, and "
+     "decisions. ROOM is its id, the beginning of one, or its name.\n\n"
+     "  create NAME, list, show ROOM [PIN], log ROOM, watch ROOM\n"
+     "  scene ROOM (--model, --env, --material, --camera, ...), undo ROOM, redo ROOM,\n"
+     "  save ROOM [NOTE], variant ROOM NAME [--material M]\n"
+     "  pin ROOM TEXT --at POINT, reply ROOM PIN TEXT, change ROOM NOTE TEXT,\n"
+     "  resolve ROOM PIN, reopen ROOM PIN, erase ROOM NUMBER\n"
+     "  approve ROOM [NOTE], reject ROOM [NOTE]\n"
+     "  member ROOM PRINCIPAL --role R, invite ROOM [NAME] --role R --expires T,\n"
+     "  revoke ROOM INVITATION, rename ROOM NAME, close ROOM, open ROOM\n"
+     "  export ROOM -o FOLDER, import ROOM FILE.bcf, backup -o FILE\n\n"
+     "show with -o FILE.png draws the scene, or what the author of a pin (PIN), of a --decision or "
+     "of a --revision saw. export writes the room as JSON with pictures, decisions as CSV, pins as "
+     "BCF 2.1, and the approved material.\n\n"
+     "Examples:\n  relight room create 'Bunny in jade' --model bunny --env studio.exr --material jade\n"
+     "  relight room invite 'Bunny in jade' Ann --role reviewer --expires 7d\n"
+     "  relight room pin 'Bunny in jade' 'too red, @Bob' --at 0,1204,0.3,0.2\n"
+     "  relight room show 'Bunny in jade' 12 -o pin.png\n"
+     "  relight room approve 'Bunny in jade' 'as agreed'\n"
+     "  relight room export 'Bunny in jade' -o review",
+     COMMON LIGHT "cz\21xnBaSo\24\25\26\30\31\32\34", true, run_room},
     {"sign", "PATH",
      "Signs a link to a picture: whoever has it sees that picture, until it expires.\v"
      "PATH is the path and query of a picture over HTTP. Prints the path to put behind the address "
@@ -534,6 +571,7 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
         o->picture.samples = 1u << word(state, row, arg);
         return 0;
     case 3:
+    case 28:
         o->token_order.lifetime_s = duration(state, row, arg);
         return 0;
     case 4:
@@ -601,12 +639,14 @@ static error_t parse_command(int key, char *arg, struct argp_state *state)
 {
     struct input *input = state->input;
     if (key == ARGP_KEY_ARG) {
-        bool second = input->options->target && strchr(input->command->args, '[');
-        if (!input->command->has_target || (input->options->target && !second) ||
-            (second && input->options->word))
+        struct options *o = input->options;
+        const char *args = input->command->args;
+        // "[NAME]": one word more; "[ARGUMENT...]": several.
+        unsigned most = strstr(args, "...]") ? MAX_WORDS : strchr(args, '[') ? 1 : 0;
+        if (!input->command->has_target || (o->target && o->n_word >= most))
             argp_error(state, "one argument too many: %s", arg);
-        if (second) {
-            input->options->word = arg;
+        if (o->target) {
+            o->words[o->n_word++] = arg;
             return 0;
         }
         input->options->target = arg;

@@ -2,6 +2,7 @@
 // Files: written whole or not at all, through a temporary file; vertices in the formats of
 // vertex_file.h.
 #include "cli.h"
+#include "terminal.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -67,8 +68,37 @@ static const struct {
 };
 enum { N_PICTURE_FORMAT = sizeof picture_formats / sizeof *picture_formats };
 
+bool is_terminal_path(const char *path)
+{
+    return path && !strcmp(path, "-");
+}
+
+void fit_terminal(struct options *options)
+{
+    struct relight_picture *p = &options->picture;
+    struct prt_terminal terminal;
+    if (p->width || !is_terminal_path(options->output)) return;
+    prt_terminal_detect(STDOUT_FILENO, &terminal);
+    p->width = 800;
+    p->height = 600;
+    prt_terminal_fit(&terminal, &p->width, &p->height);
+}
+
+int draw_in_terminal(const struct options *options, const struct relight_image *image)
+{
+    struct prt_terminal terminal;
+    prt_terminal_detect(STDOUT_FILENO, &terminal);
+    return prt_terminal_draw(stdout, &terminal, image->width, image->height, image->data)
+               ? file_error(options, "standard output", "the picture could not be written")
+               : EXIT_DONE;
+}
+
 bool picture_format(const char *path, enum relight_image_format *out)
 {
+    if (is_terminal_path(path)) {
+        *out = RELIGHT_IMAGE_RGB8;
+        return true;
+    }
     const char *dot = path ? strrchr(path, '.') : NULL;
     for (int i = 0; dot && dot[1] && i < N_PICTURE_FORMAT; i++)
         if (!strcasecmp(dot + 1, picture_formats[i].ending)) {
@@ -86,7 +116,8 @@ int picture_usage(const struct options *options, const char *others)
         if (*picture_formats[i].ending)
             n += (size_t)snprintf(list + n, sizeof list - n, "%s.%s", n ? ", " : "",
                                   picture_formats[i].ending);
-    return report_usage(options, "-o FILE has to end in one of %s%s", others, list);
+    return report_usage(options, "-o FILE has to end in one of %s%s, or be - for the terminal",
+                        others, list);
 }
 
 static struct prt_vertex_block *copy_blocks(const struct relight_geometry *g)

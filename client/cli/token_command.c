@@ -134,7 +134,7 @@ static int revoke(struct relight_client *client, const struct options *options)
 {
     struct relight_error error;
     uint32_t closed;
-    const char *name = options->word ? options->word : options->token_order.name;
+    const char *name = options->words[0] ? options->words[0] : options->token_order.name;
     if (!name) return report_usage(options, "revoke: NAME is missing");
     if (relight_token_revoke(client, name, &closed, &error))
         return report_error(options, &error);

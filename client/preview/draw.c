@@ -101,10 +101,10 @@ static int set_camera(struct drawing *d, uint32_t frame)
 static int shade(struct drawing *d, struct prt_image *out)
 {
     const struct options *o = d->scene->options;
+    struct prt_material surface = {.eta = d->scene->eta, .roughness = d->scene->roughness};
     struct prt_shade s = {.n_plane = 4,
                           .planes = d->plane,
-                          .eta = d->scene->eta,
-                          .roughness = d->scene->roughness,
+                          .media = prt_media_one(&surface),
                           .fresnel = true,
                           .transparent = o->transparent,
                           .specular = d->specular};

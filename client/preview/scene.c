@@ -234,7 +234,7 @@ static int add_single(struct scene *scene, const struct colors_pending *pending,
         plane[i] = gain * single[i];
         single[i] = other;
     }
-    if (prt_view_correct(&scene->ctx, m->n_vertex, (const float(*)[3])m->normal,
+    if (prt_view_correct(&scene->ctx, m->n_vertex, 0, m->n_vertex, (const float(*)[3])m->normal,
                          (double)scene->eta, 1, 4, plane))
         return EXIT_FAILED;
     for (size_t i = 0; i < n; i++) plane[i] += single[i];

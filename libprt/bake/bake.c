@@ -46,18 +46,28 @@ void prt_bake_set_defaults(struct prt_bake_options *o)
     if (!o->cube) o->cube = PRT_BAKE_CUBE_DEFAULT;
     if (!o->n_coef) o->n_coef = PRT_BAKE_COEFFS_DEFAULT;
     if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
-        const float *g = o->material.g;
-        bool fixed = o->engine == PRT_TRANSPORT_WAVELET;
-        o->n_phase = fixed && g[0] == 0 && g[1] == 0 && g[2] == 0 ? 1 : 4;
+        bool fixed = o->engine == PRT_TRANSPORT_WAVELET, isotropic = true;
+        for (uint32_t i = 0; i < 3 * o->media.n; i++)
+            isotropic &= o->media.medium[i / 3].g[i % 3] == 0;
+        o->n_phase = fixed && isotropic ? 1 : 4;
     }
     if (!o->n_single) o->n_single = PRT_BAKE_SINGLE_POINTS_DEFAULT;
     if (o->max_error == 0) o->max_error = PRT_BAKE_ERROR_DEFAULT;
 }
 
-static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
+static int check_options(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                         struct prt_bake_options *o)
 {
+    double eta[PRT_MEDIA_MAX];
     int status = prt_bake_check_settings(ctx, o);
+    if (!status) status = prt_media_check(ctx, &o->media, mesh->n_object);
     if (status) return status;
+    if (o->engine != PRT_TRANSPORT_WAVELET &&
+        prt_media_etas(&o->media, eta) > PRT_RADIAL_MORE_ETA + 1)
+        return prt_fail(ctx, PRT_ARG,
+                        "the media have more than %d values of eta: a joint or polynomial bake "
+                        "takes no more",
+                        PRT_RADIAL_MORE_ETA + 1);
     prt_bake_set_defaults(o);
     if (o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
@@ -72,15 +82,22 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     if (o->n_shard > 1 && o->shard >= o->n_shard)
         return prt_fail(ctx, PRT_ARG, "--shard %u/%u: I must lie in [0, %u]", o->shard,
                         o->n_shard, o->n_shard - 1);
-    return prt_material_check(ctx, &o->material);
+    return PRT_OK;
+}
+
+static double shortest_path(const struct bake *b)
+{
+    double finest = INFINITY;
+    for (uint32_t c = 0; c < 3 * b->o.media.n; c++)
+        finest = fmin(finest, 1 / b->dipole[c / 3][c % 3].sigma_t_prime);
+    return finest;
 }
 
 // One sample a squared mean free path, within the limits above.
 uint32_t prt_bake_sample_count(const struct bake *b)
 {
     if (b->o.n_sample) return b->o.n_sample;
-    double area = prt_surface_area(b->mesh), finest = INFINITY;
-    for (int c = 0; c < 3; c++) finest = fmin(finest, 1 / b->dipole[c].sigma_t_prime);
+    double area = prt_surface_area(b->mesh), finest = shortest_path(b);
     double want = area / (finest * finest);
     if (want > most_samples)
         prt_log(b->ctx, PRT_LOG_WARNING,
@@ -90,17 +107,10 @@ uint32_t prt_bake_sample_count(const struct bake *b)
     return (uint32_t)fmin(fmax(want, least_samples), most_samples);
 }
 
-static float shortest_path(const struct bake *b)
-{
-    float finest = INFINITY;
-    for (int c = 0; c < 3; c++) finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
-    return finest;
-}
-
 // A fifth of the mean free path, or for a free medium of that of the densest in METHODS' range.
 float prt_bake_fine_mm(const struct bake *b)
 {
-    return b->o.engine == PRT_TRANSPORT_WAVELET ? shortest_path(b) / 5 : 0.2f / 27;
+    return b->o.engine == PRT_TRANSPORT_WAVELET ? (float)shortest_path(b) / 5 : 0.2f / 27;
 }
 
 uint32_t prt_bake_patterns(const struct prt_bake_options *o)
@@ -123,16 +133,58 @@ uint32_t prt_bake_rank(const struct prt_bake_options *o, bool every_medium, uint
     return o->rank ? o->rank : rank;
 }
 
+int prt_bake_dipoles(struct bake *b)
+{
+    b->dipole = prt_alloc(b->o.media.n, sizeof *b->dipole);
+    if (!b->dipole) return PRT_NOMEM;
+    for (uint32_t i = 0; i < b->o.media.n; i++)
+        prt_material_dipoles(&b->o.media.medium[i], b->dipole[i]);
+    return PRT_OK;
+}
+
+struct fresnel_table *prt_bake_fresnel(const struct prt_media *media)
+{
+    struct fresnel_table *table = prt_alloc(media->n, sizeof *table);
+    for (uint32_t i = 0; table && i < media->n; i++)
+        prt_fresnel_table_init(&table[i], (double)media->medium[i].eta);
+    return table;
+}
+
+uint32_t prt_bake_medium(const struct bake *b, uint32_t cluster)
+{
+    return prt_media_index(&b->o.media, b->clusters->object[cluster]);
+}
+
+bool prt_bake_any_single(const struct bake *b)
+{
+    bool any = false;
+    for (uint32_t i = 0; i < b->o.media.n; i++) any |= !b->o.media.medium[i].profile;
+    return any;
+}
+
+// The kernels of pass 2: R_d of each medium.
+static int make_kernels(struct bake *b)
+{
+    int status = prt_bake_dipoles(b);
+    b->radial = prt_alloc(b->o.media.n, sizeof *b->radial);
+    if (status || !b->radial) return PRT_NOMEM;
+    for (uint32_t i = 0; i < b->o.media.n; i++) {
+        float steepest = 0;
+        for (int c = 0; c < 3; c++) steepest = fmaxf(steepest, (float)b->dipole[i][c].sigma_tr);
+        b->radial[i] = (struct radial_set){3, dipole_eval, b->dipole[i], steepest};
+    }
+    return PRT_OK;
+}
+
 static int prepare(struct bake *b)
 {
     double started = prt_time_s();
     const struct prt_mesh *mesh = b->mesh;
-    float steepest = 0;
-    prt_material_dipoles(&b->o.material, b->dipole);
-    for (int c = 0; c < 3; c++) steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
-    float finest = shortest_path(b), fine = prt_bake_fine_mm(b);
-    b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
-    int status = prt_scene_create(b->ctx, mesh, &b->scene);
+    int status = make_kernels(b);
+    if (status) return status;
+    const float fine = prt_bake_fine_mm(b);
+    const double finest = shortest_path(b);
+    status = prt_scene_create(b->ctx, mesh, &b->scene);
     bool any = prt_surface_area(mesh) > 0;
     if (status == PRT_OK && !any)
         prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");
@@ -179,10 +231,23 @@ void prt_probes_finish(struct probes *probes)
     *probes = (struct probes){0};
 }
 
-static struct factor_plan plan_of(const struct tensor_job *job)
+// The media that a cluster's U is trained for.
+static const struct training *training_of(const struct tensor_job *job, uint32_t cluster)
+{
+    const struct prt_media *media = &job->bake->o.media;
+    const uint32_t medium = prt_bake_medium(job->bake, cluster);
+    double eta[PRT_MEDIA_MAX];
+    uint32_t i = 0;
+    if (!job->training || job->n_training < 2) return job->training;
+    (void)prt_media_etas(media, eta);
+    while (eta[i] != (double)media->medium[medium].eta) i++;
+    return &job->training[i];
+}
+
+static struct factor_plan plan_of(const struct tensor_job *job, uint32_t cluster)
 {
     const struct bake *b = job->bake;
-    const struct training *t = job->training;
+    const struct training *t = training_of(job, cluster);
     return (struct factor_plan){.n_function = job->n_function,
                                 .n_train = t ? t->n : job->n_function,
                                 .train = t ? t->weight : NULL,
@@ -207,7 +272,7 @@ int prt_bake_take_rows(const struct tensor_job *job, uint32_t c,
 {
     struct bake *b = job->bake;
     if (!b->sparse) {
-        struct factor_plan plan = plan_of(job);
+        struct factor_plan plan = plan_of(job, c);
         return prt_factor_cluster(b->ctx, &plan, source, &b->factored[c]);
     }
     uint32_t n = source->n_vertex, n_coef = b->directions->n_coef;
@@ -270,7 +335,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         }
         struct cut cut = {0};
         const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
-        status = prt_cut_build(b->ctx, &from, (uint32_t)c, &b->radial, &cut);
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c,
+                               &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
@@ -346,25 +412,49 @@ int prt_bake_tensor(struct tensor_job *job)
     return PRT_OK;
 }
 
-void prt_bake_plan_single(struct bake *b)
+static struct single_plan plan_of_medium(const struct bake *b, const struct prt_material *m)
 {
-    const struct prt_material *m = &b->o.material;
-    b->single = (struct single_plan){.cpu = b->ctx->cpu,
-                                     .scene = b->scene,
-                                     .mesh = b->mesh,
-                                     .directions = b->directions,
-                                     .eta = m->eta,
-                                     .n_phase = b->o.n_phase,
-                                     .n_point = b->o.n_single,
-                                     .every_ray = b->o.every_ray,
-                                     .seed = b->o.seed};
+    struct single_plan plan = {.cpu = b->ctx->cpu,
+                               .scene = b->scene,
+                               .mesh = b->mesh,
+                               .directions = b->directions,
+                               .eta = m->eta,
+                               .n_phase = b->o.n_phase,
+                               .n_point = b->o.n_single,
+                               .every_ray = b->o.every_ray,
+                               .seed = b->o.seed,
+                               .n_direction = b->directions->n_coef};
     for (int c = 0; c < 3; c++) {
-        b->single.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
-        b->single.sigma_t[c] = b->single.sigma_s[c] + m->sigma_a[c];
-        (void)prt_phase_hg(&b->single.phase[c], m->g[c], b->o.n_phase);
+        plan.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
+        plan.sigma_t[c] = plan.sigma_s[c] + m->sigma_a[c];
+        (void)prt_phase_hg(&plan.phase[c], m->g[c], b->o.n_phase);
     }
-    b->single.n_direction = b->directions->n_coef;
-    prt_single_plan_depths(&b->single);
+    return plan;
+}
+
+int prt_bake_plan_single(struct bake *b, const struct extinction_table *extinction,
+                         uint32_t n_direction)
+{
+    prt_bake_unplan_single(b);
+    b->single = prt_alloc(b->o.media.n, sizeof *b->single);
+    if (!b->single) return PRT_NOMEM;
+    for (uint32_t i = 0; i < b->o.media.n; i++) {
+        b->single[i] = plan_of_medium(b, &b->o.media.medium[i]);
+        b->single[i].extinction = extinction;
+        if (n_direction) b->single[i].n_direction = n_direction;
+        b->single[i].horizon = b->single[0].horizon; // one for all media
+        prt_single_plan_depths(&b->single[i]);
+    }
+    return PRT_OK;
+}
+
+void prt_bake_unplan_single(struct bake *b)
+{
+    for (uint32_t i = b->single ? b->o.media.n : 0; i-- > 0;)
+        if (!i || b->single[i].horizon != b->single[0].horizon)
+            prt_single_plan_finish(&b->single[i]);
+    prt_free(b->single);
+    b->single = NULL;
 }
 
 int prt_bake_irradiance(struct bake *b)
@@ -376,7 +466,7 @@ int prt_bake_irradiance(struct bake *b)
                                      .hierarchy = b->hierarchy,
                                      .directions = b->directions,
                                      .checkpoint = b->checkpoint,
-                                     .eta = b->o.material.eta,
+                                     .media = &b->o.media,
                                      .room = prt_bake_rows_room(&b->o)};
     int status = prt_irradiance_bake(b->ctx, &from, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
@@ -398,7 +488,7 @@ static int bake_wavelet(struct bake *b)
     if (status == PRT_OK) status = prt_bake_tensor(&multiple);
     prt_half_rows_finish(&b->irradiance);
     // A material's own profile holds all light that leaves: single scattering is part of it.
-    if (status == PRT_OK && !b->o.no_single && b->surface && !b->o.material.profile) {
+    if (status == PRT_OK && !b->o.no_single && b->surface && prt_bake_any_single(b)) {
         struct tensor_job single = {.bake = b,
                                     .term = PRT_TERM_SINGLE,
                                     .stage = "single scattering",
@@ -406,8 +496,8 @@ static int bake_wavelet(struct bake *b)
                                     .n_function = 3 * b->o.n_phase,
                                     .n_phase = b->o.n_phase,
                                     .probes = &probes};
-        prt_bake_plan_single(b);
-        status = prt_bake_tensor(&single);
+        status = prt_bake_plan_single(b, NULL, 0);
+        if (status == PRT_OK) status = prt_bake_tensor(&single);
     }
     prt_probes_finish(&probes);
     return status;
@@ -456,9 +546,11 @@ static void release(struct bake *b)
     prt_directions_destroy(b->directions);
     prt_hierarchy_destroy(b->hierarchy);
     prt_surface_destroy(b->surface);
-    prt_single_plan_finish(&b->single);
+    prt_bake_unplan_single(b);
     prt_scene_destroy(b->scene);
     prt_free(b->out.mesh.blocked);
+    prt_free(b->dipole);
+    prt_free(b->radial);
 }
 
 // A hash of everything that determines the clusters' contents: equal for all parts of one bake.
@@ -505,7 +597,7 @@ static int run_shard(struct bake *b, const char *out_path, uint32_t *missing)
     for (uint32_t t = 0; t < b->out.n_tensor; t++) prt_tensor_finish(&b->out.tensor[t]);
     memset(b->out.tensor, 0, sizeof b->out.tensor);
     b->out.n_tensor = 0;
-    prt_single_plan_finish(&b->single);
+    prt_bake_unplan_single(b);
     return run_engine(b);
 }
 
@@ -550,7 +642,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
 {
     struct bake b = {.ctx = ctx, .mesh = mesh, .o = *options};
     uint32_t missing = 0;
-    int status = check_options(ctx, &b.o);
+    int status = check_options(ctx, mesh, &b.o);
     if (status) return status;
     if (!(mesh->mm_per_unit > 0))
         return prt_fail(ctx, PRT_ARG, "the model has no scale: prt_mesh_scale it first");
@@ -558,7 +650,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     b.out.mesh = *mesh;
     b.out.mesh.owner = NULL;
     b.out.mesh.blocked = NULL;
-    b.out.material = b.o.material;
+    b.out.media = b.o.media;
     b.out.cube = b.o.cube;
     b.out.engine = b.o.engine;
     b.out.mesh_hash = mesh_hash(mesh);

@@ -116,9 +116,9 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {
         struct single_cells cells;
-        b->rays_single[c] +=
-            prt_single_cells(&b->single, fresnel, b->clusters->order[cluster->vertex_begin + i],
-                             value, &cells, scratch);
+        b->rays_single[c] += prt_single_cells(&b->single[prt_bake_medium(b, c)], fresnel,
+                                              b->clusters->order[cluster->vertex_begin + i],
+                                              value, &cells, scratch);
         status = copy_cells(&rows, &cells, &rows.vertex[i]);
     }
     struct row_source source = {&rows, cluster->n_vertex, cells_multiply, cells_project};
@@ -131,15 +131,18 @@ int prt_bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct tensor_job *job = arg;
     const struct bake *b = job->bake;
-    struct fresnel_table fresnel;
+    struct fresnel_table *fresnel = prt_bake_fresnel(&b->o.media);
     prt_trace_thread_init();
-    prt_fresnel_table_init(&fresnel, b->o.material.eta);
-    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single), 1);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single[0]), 1);
     float *value = prt_alloc((size_t)job->n_function * b->directions->n_coef, sizeof *value);
-    int status = scratch && value ? PRT_OK : PRT_NOMEM;
-    for (size_t c = begin; status == PRT_OK && c < end; c++)
-        if (b->clusters->translucent[c])
-            status = bake_cluster(job, (uint32_t)c, &fresnel, value, scratch);
+    int status = scratch && value && fresnel ? PRT_OK : PRT_NOMEM;
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        const uint32_t medium = prt_bake_medium(b, (uint32_t)c);
+        if (!b->clusters->translucent[c]) continue;
+        if (b->o.engine == PRT_TRANSPORT_WAVELET && b->o.media.medium[medium].profile) continue;
+        status = bake_cluster(job, (uint32_t)c, &fresnel[medium], value, scratch);
+    }
+    prt_free(fresnel);
     prt_free(scratch);
     prt_free(value);
     return status;

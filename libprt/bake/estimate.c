@@ -211,7 +211,7 @@ static double stages(struct demand *d, double rows)
                          (single_bytes(d, single) + factor_bytes(d, single, train, probes, 0)),
                      packed(d, PRT_TERM_SINGLE, single));
     }
-    if (o->no_single || (d->b->o.material.profile && !joint)) third = 0;
+    if (o->no_single || (!prt_bake_any_single(d->b) && !joint)) third = 0;
     return fmax(first, lights + fmax(second, third));
 }
 
@@ -220,7 +220,8 @@ static double measuring(const struct demand *d)
 {
     bool fixed = d->b->o.engine == PRT_TRANSPORT_WAVELET;
     double densest = fixed ? 0 : 27; // METHODS' range of a free medium [mm^-1]
-    for (int c = 0; fixed && c < 3; c++) densest = fmax(densest, d->b->dipole[c].sigma_t_prime);
+    for (uint32_t c = 0; fixed && c < 3 * d->b->o.media.n; c++)
+        densest = fmax(densest, d->b->dipole[c / 3][c % 3].sigma_t_prime);
     uint64_t making, kept;
     double n = fmin(fmax(60000, d->area * densest * densest / 4e4), 2e7);
     prt_surface_memory(d->b->mesh, (uint32_t)n, (float)(1 / densest / 8), &making, &kept);
@@ -239,9 +240,10 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     struct prt_context quiet = ctx ? *ctx : (struct prt_context){0};
     struct bake b = {.ctx = &quiet, .mesh = mesh, .o = *options};
     int status = prt_bake_check_settings(ctx, options);
+    if (!status) status = prt_media_check(ctx, &options->media, mesh->n_object);
     if (status) return status;
     prt_bake_set_defaults(&b.o);
-    prt_material_dipoles(&b.o.material, b.dipole);
+    if ((status = prt_bake_dipoles(&b))) return status;
     quiet.log = prt_bake_drop_line;
     struct demand d = {.b = &b,
                        .vertices = mesh->n_vertex,
@@ -250,7 +252,10 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                        .coef = 6.0 * b.o.cube * b.o.cube,
                        .area = prt_surface_area(mesh)};
     status = count_clusters(&d, b.o.engine == PRT_TRANSPORT_JOINT);
-    if (status) return status;
+    if (status) {
+        prt_free(b.dipole);
+        return status;
+    }
     uint64_t making = 0, kept = 0;
     if (d.area > 0) {
         uint32_t n = prt_bake_sample_count(&b);
@@ -266,5 +271,6 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     double held = (double)kept + trees + rays + model_bytes(mesh);
     double all = PROGRAM + d.threads * A_THREAD + fmax(held + work, (double)making);
     *bytes = (uint64_t)(MARGIN * all);
+    prt_free(b.dipole);
     return PRT_OK;
 }

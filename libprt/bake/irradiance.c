@@ -4,6 +4,7 @@
 // 250,000 samples).
 #include "bake/checkpoint.h"
 #include "bake/loops.h"
+#include "bake/run.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -197,8 +198,8 @@ void prt_half_rows_finish(struct half_rows *rows)
 
 struct pass_one {
     struct irradiance_source from;
-    struct fresnel_table fresnel;
-    struct horizon *horizon; // or NULL: every ray is cast
+    struct fresnel_table *fresnel; // [media->n]
+    struct horizon *horizon;       // or NULL: every ray is cast
     struct half_rows *rows;
     atomic_uint_fast64_t rays;
 };
@@ -237,8 +238,9 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
         bool found = horizon_of(p, s, &view);
         const struct receiver at = {p->from.surface->position[s], p->from.surface->normal[s],
                                     p->from.surface->face_normal[s]};
-        rays += prt_irradiance_row(p->from.scene, p->from.directions, pattern, &p->fresnel, &at,
-                                   found ? &view : NULL, row);
+        const uint32_t medium = prt_media_index(p->from.media, p->from.surface->object[s]);
+        rays += prt_irradiance_row(p->from.scene, p->from.directions, pattern,
+                                   &p->fresnel[medium], &at, found ? &view : NULL, row);
         for (size_t k = 0; p->from.surface->tint && k < p->rows->n_coef; k++)
             row[k] *= p->from.surface->tint[s];
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
@@ -294,7 +296,11 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
     int status =
         prt_half_rows_create(ctx, (size_t)n_sample + h->n_node, n_coef, from->room, out);
     if (status) return status;
-    prt_fresnel_table_init(&p.fresnel, from->eta);
+    p.fresnel = prt_bake_fresnel(from->media);
+    if (!p.fresnel) {
+        prt_half_rows_finish(out);
+        return PRT_NOMEM;
+    }
     (void)prt_horizon_create(from->scene,
                              &p.horizon); // without memory for it every ray is cast
     status = prt_parallel_for(ctx, "irradiance", n_sample, 64, pass_one_range, &p);
@@ -306,6 +312,7 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
         if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + n_coef);
     prt_free(scratch);
     prt_horizon_destroy(p.horizon);
+    prt_free(p.fresnel);
     *rays = atomic_load(&p.rays);
     if (status) prt_half_rows_finish(out);
     return status;

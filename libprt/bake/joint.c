@@ -70,7 +70,8 @@ static int bake_multiple(struct joint *j, const struct probes *probes)
                              .n_function = j->bases.reflectance->n_function,
                              .n_phase = 1,
                              .probes = probes,
-                             .training = &j->bases.training,
+                             .training = j->bases.training,
+                             .n_training = j->bases.n_training,
                              .user = &j->bases};
     int status = prt_bases_train_reflectance(j->b, &j->bases);
     return status ? status : radial_tensor(&job, j->bases.reflectance);
@@ -103,11 +104,10 @@ static int bake_single(struct joint *j, const struct probes *probes)
                              .n_function = b->o.n_phase * j->bases.extinction->n_function,
                              .n_phase = b->o.n_phase,
                              .probes = probes,
-                             .training = &j->bases.training};
-    prt_bake_plan_single(b);
-    b->single.extinction = j->bases.integral;
-    prt_single_plan_depths(&b->single);
-    int status = prt_bases_train_extinction(b, &j->bases, b->o.n_phase);
+                             .training = j->bases.training,
+                             .n_training = 1};
+    int status = prt_bake_plan_single(b, j->bases.integral, 0);
+    if (!status) status = prt_bases_train_extinction(b, &j->bases, b->o.n_phase);
     return status ? status : radial_tensor(&job, j->bases.extinction);
 }
 

@@ -72,7 +72,8 @@ static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t 
     return found;
 }
 
-// The bake's own material and, where the material is free, media that are not in the training.
+// The bake's own media and, where the material is free, media that are not in the training,
+// each for all objects.
 enum { MEDIA = 4 };
 static const char *const free_media[MEDIA - 1] = {"skin1", "ketchup", "skimmilk"};
 
@@ -81,10 +82,12 @@ struct examination {
     const struct prt_transport *transport;
     uint32_t n, *vertex;
     float (*all)[3], (*got)[3];
+    float *divisor; // [n] of the exit at each vertex
     float (*want[MEDIA])[3];
     unsigned n_medium;
-    struct prt_material medium[MEDIA];
-    double worst[MEDIA]; // largest error over lights, of the term at hand
+    struct prt_media media[MEDIA];
+    struct prt_material *medium[MEDIA]; // of media, but of the first, which are the transport's
+    double worst[MEDIA];                // largest error over lights, of the term at hand
     // Multiple scattering of the bake's own medium under each light, and once single scattering
     // is added their sum: of the bake and of the reference.
     float (*sum_got[MEASURE_LIGHTS])[3], (*sum_want[MEASURE_LIGHTS])[3];
@@ -94,16 +97,22 @@ struct examination {
 static int choose_media(struct examination *e)
 {
     const struct prt_transport *t = e->transport;
-    e->medium[0] = t->material;
+    int status = PRT_OK;
+    e->media[0] = t->media;
     e->n_medium = 1;
-    for (unsigned i = 0; t->engine != PRT_TRANSPORT_WAVELET && i < MEDIA - 1; i++) {
-        struct prt_material *m = &e->medium[e->n_medium];
-        int status = prt_material_load(e->ctx, free_media[i], m);
-        if (status) return status;
-        m->eta = t->material.eta;
-        if (strcmp(m->name, t->material.name)) e->n_medium++;
+    for (unsigned i = 0; t->engine != PRT_TRANSPORT_WAVELET && i < MEDIA - 1 && !status; i++) {
+        const bool own = t->media.n == 1 && !strcmp(free_media[i], t->media.medium[0].name);
+        struct prt_material *m = own ? NULL : prt_alloc(t->media.n, sizeof *m);
+        if (own) continue;
+        if (!m) return PRT_NOMEM;
+        e->medium[e->n_medium] = m;
+        e->media[e->n_medium++] = (struct prt_media){t->media.n, m, t->media.of_object};
+        for (uint32_t k = 0; k < t->media.n && !status; k++) {
+            status = prt_material_load(e->ctx, free_media[i], &m[k]);
+            m[k].eta = t->media.medium[k].eta;
+        }
     }
-    return PRT_OK;
+    return status;
 }
 
 static void drop_warnings(void *user, enum prt_log_level level, const char *line)
@@ -117,9 +126,11 @@ static uint32_t reference_samples(const struct examination *e)
 {
     double densest = 0;
     for (unsigned m = 0; m < e->n_medium; m++)
-        for (int c = 0; c < 3; c++)
-            densest = fmax(densest, (double)e->medium[m].sigma_s_prime[c] +
-                                        (double)e->medium[m].sigma_a[c]);
+        for (uint32_t c = 0; c < 3 * e->media[m].n; c++) {
+            const struct prt_material *own = &e->media[m].medium[c / 3];
+            densest =
+                fmax(densest, (double)own->sigma_s_prime[c % 3] + (double)own->sigma_a[c % 3]);
+        }
     double least = prt_surface_area(&e->transport->mesh) * densest * densest / (200.0 * 200.0);
     return (uint32_t)fmin(fmax(60000, least), 2e7);
 }
@@ -128,10 +139,9 @@ static uint32_t reference_samples(const struct examination *e)
 // sums under a light.
 static void add_to_sums(struct examination *e, enum prt_answer_term term, unsigned which)
 {
-    double divisor = prt_exit_divisor((double)e->transport->material.eta, PRT_EXIT_NORMALISED);
-    const float gain = term == PRT_ANSWER_SINGLE ? (float)divisor : 1;
     float *got = e->sum_got[which][0], *want = e->sum_want[which][0];
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
+        const float gain = term == PRT_ANSWER_SINGLE ? e->divisor[i / 3] : 1;
         got[i] += gain * e->got[0][i];
         want[i] += gain * e->want[0][0][i];
     }
@@ -145,7 +155,6 @@ static int examine(struct examination *e, enum prt_answer_term answer,
                    unsigned which, double *error)
 {
     const struct prt_transport *t = e->transport;
-    const struct prt_material *medium[MEDIA];
     struct prt_reference_options options = {.term = term,
                                             .eye = eye,
                                             .vertex = e->vertex,
@@ -157,12 +166,11 @@ static int examine(struct examination *e, enum prt_answer_term answer,
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
-    for (unsigned m = 0; m < e->n_medium; m++) medium[m] = &e->medium[m];
-    int status =
-        prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, 1, &light, &options, e->want);
+    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, 1, &light,
+                                    &options, e->want);
     for (unsigned m = 0; status == PRT_OK && m < e->n_medium; m++) {
-        struct prt_query query = {
-            .term = answer, .light = light, .material = m ? &e->medium[m] : NULL, .eye = eye};
+        struct prt_query query = {.term = answer, .light = light, .eye = eye};
+        if (m) query.media = e->media[m];
         status = prt_answer_colors(e->ctx, t, &query, e->all);
         for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
             memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
@@ -188,7 +196,7 @@ static void add_worst(const struct examination *e, cJSON *to)
     double worst = e->worst[0];
     cJSON *media = e->n_medium > 1 ? cJSON_AddObjectToObject(to, "media") : NULL;
     for (unsigned m = 1; m < e->n_medium; m++) {
-        add_error(media, e->medium[m].name, e->worst[m]);
+        add_error(media, e->media[m].medium[0].name, e->worst[m]);
         worst = fmax(worst, e->worst[m]);
     }
     add_error(to, "worst", worst);
@@ -249,6 +257,27 @@ static int measure_views(struct examination *e, const struct prt_cube *own, cJSO
     return status;
 }
 
+// The exit's divisor at the vertices that were drawn.
+static int find_divisors(struct examination *e)
+{
+    const struct prt_transport *t = e->transport;
+    uint32_t *block = prt_mesh_vertex_blocks(&t->mesh);
+    float of_medium[PRT_MEDIA_MAX];
+    e->divisor = prt_alloc(e->n + 1u, sizeof *e->divisor);
+    if (!block || !e->divisor) {
+        prt_free(block);
+        return PRT_NOMEM;
+    }
+    for (uint32_t m = 0; m < t->media.n; m++)
+        of_medium[m] =
+            (float)prt_exit_divisor((double)t->media.medium[m].eta, PRT_EXIT_NORMALISED);
+    for (uint32_t i = 0; i < e->n; i++)
+        e->divisor[i] =
+            of_medium[prt_media_index(&t->media, t->mesh.block[block[e->vertex[i]]].object)];
+    prt_free(block);
+    return PRT_OK;
+}
+
 static int measure_terms(struct examination *e, const struct prt_cube *own, char **errors)
 {
     const struct prt_transport *t = e->transport;
@@ -287,11 +316,16 @@ int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *
         if (!e.sum_got[l] || !e.sum_want[l]) status = PRT_NOMEM;
     }
     if (status == PRT_OK) e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
+    if (status == PRT_OK) status = find_divisors(&e);
     if (status == PRT_OK) status = measure_terms(&e, own, errors);
+    prt_free(e.divisor);
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);
-    for (unsigned m = 0; m < e.n_medium; m++) prt_free(e.want[m]);
+    for (unsigned m = 0; m < MEDIA; m++) {
+        prt_free(e.want[m]);
+        prt_free(e.medium[m]);
+    }
     for (unsigned l = 0; l < MEASURE_LIGHTS; l++)
         prt_free(e.sum_got[l]), prt_free(e.sum_want[l]);
     return status;

@@ -64,17 +64,19 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct polynomial *p = arg;
     struct bake *b = p->b;
-    struct fresnel_table fresnel;
+    struct fresnel_table *fresnel = prt_bake_fresnel(&b->o.media);
+    if (!fresnel) return PRT_NOMEM;
     prt_trace_thread_init();
-    prt_fresnel_table_init(&fresnel, b->o.material.eta);
     for (size_t i = begin; i < end; i++) {
         uint32_t s = b->hierarchy->order[i];
+        uint32_t medium = prt_media_index(&b->o.media, b->surface->object[s]);
         double sum[3];
         irradiance_at(p, prt_hash64(&s, sizeof s, 21) >> 8, b->surface->position[s],
-                      b->surface->normal[s], b->surface->face_normal[s], &fresnel, sum);
+                      b->surface->normal[s], b->surface->face_normal[s], &fresnel[medium], sum);
         double tint = b->surface->tint ? (double)b->surface->tint[s] : 1;
         for (int c = 0; c < 3; c++) p->irradiance[i][c] = (float)(sum[c] * tint);
     }
+    prt_free(fresnel);
     return PRT_OK;
 }
 
@@ -153,15 +155,15 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct polynomial *p = arg;
     struct bake *b = p->b;
     const struct light_rays *r = p->rays;
-    struct fresnel_table fresnel;
+    struct fresnel_table *fresnel = prt_bake_fresnel(&b->o.media);
     uint32_t F = b->o.n_phase * p->bases.extinction->n_function;
     prt_trace_thread_init();
-    prt_fresnel_table_init(&fresnel, b->o.material.eta);
-    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single), 1);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single[0]), 1);
     float *out = prt_alloc((size_t)F * 3, sizeof *out);
-    int status = scratch && out ? PRT_OK : PRT_NOMEM;
+    int status = scratch && out && fresnel ? PRT_OK : PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         const struct prt_cluster *cluster = &p->tensor->cluster[c];
+        const uint32_t medium = prt_bake_medium(b, (uint32_t)c);
         if (!b->clusters->translucent[c]) continue;
         for (uint32_t i = 0; i < cluster->n_vertex; i++) {
             uint32_t v = b->clusters->order[cluster->vertex_begin + i];
@@ -170,13 +172,14 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
             const struct light_directions light = {r->n_ray, r->x + base, r->y + base,
                                                    r->z + base, r->rgb + base * 3};
             b->rays_single[c] +=
-                prt_single_light(&b->single, &fresnel, v, &light, out, scratch);
+                prt_single_light(&b->single[medium], &fresnel[medium], v, &light, out, scratch);
             for (uint32_t j = 0; j < F; j++)
                 for (int ch = 0; ch < 3; ch++)
                     column(p->tensor, cluster, j, ch)[i] =
                         prt_f32_to_f16(out[j * 3 + (uint32_t)ch]);
         }
     }
+    prt_free(fresnel);
     prt_free(scratch);
     prt_free(out);
     return status;
@@ -274,11 +277,9 @@ static int bake_single(struct polynomial *p, const struct prt_cube *light)
     struct bake *b = p->b;
     int status = prt_light_rays_create(light, PATTERNS, SINGLE_RAYS, b->o.seed + 2, &p->rays);
     if (status) return status;
-    prt_bake_plan_single(b);
-    b->single.extinction = p->bases.integral;
-    b->single.n_direction = SINGLE_RAYS;
-    prt_single_plan_depths(&b->single);
-    status = add_tensor(p, PRT_TERM_SINGLE, b->o.n_phase, p->bases.extinction);
+    status = prt_bake_plan_single(b, p->bases.integral, SINGLE_RAYS);
+    if (status == PRT_OK)
+        status = add_tensor(p, PRT_TERM_SINGLE, b->o.n_phase, p->bases.extinction);
     if (status == PRT_OK) status = bake_clusters(p, "single scattering", single_range);
     prt_light_rays_destroy(p->rays);
     p->rays = NULL;

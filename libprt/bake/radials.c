@@ -31,16 +31,25 @@ struct radial_set prt_bases_radial_set(const struct bases *s)
                                12};
 }
 
-// A material with an R_d of its own: its channels as profiles that the basis must reproduce.
-static int own_profiles(const struct bake *b, struct prt_profile out[3], uint32_t *n)
+// Media with an R_d of their own: their channels as profiles that the basis must reproduce.
+enum { MOST_OWN = 6 }; // profiles; prt/radial.h takes eight
+
+static int own_profiles(const struct bake *b, struct prt_profile out[MOST_OWN], uint32_t *n)
 {
-    const struct prt_material *m = &b->o.material;
     double r[PRT_MATERIAL_MAX_POINT], rd[PRT_MATERIAL_MAX_POINT];
     int status = PRT_OK;
-    for (*n = 0; m->profile && *n < 3 && status == PRT_OK; ++*n) {
+    *n = 0;
+    for (uint32_t k = 0; k < 3 * b->o.media.n && status == PRT_OK; k++) {
+        const struct prt_material *m = &b->o.media.medium[k / 3];
+        if (!m->profile) continue;
+        if (*n == MOST_OWN)
+            return prt_fail(b->ctx, PRT_LIMIT,
+                            "more than %d media with a profile of their own: a joint or "
+                            "polynomial bake takes no more",
+                            MOST_OWN / 3);
         for (uint32_t i = 0; i < m->n_point; i++)
-            r[i] = (double)m->radius[i], rd[i] = (double)m->reflectance[*n][i];
-        status = prt_profile_init_curve(b->ctx, m->name, &out[*n], m->n_point, r, rd);
+            r[i] = (double)m->radius[i], rd[i] = (double)m->reflectance[k % 3][i];
+        status = prt_profile_init_curve(b->ctx, m->name, &out[(*n)++], m->n_point, r, rd);
     }
     return status;
 }
@@ -58,15 +67,18 @@ static void x07_size(const struct bake *b, uint32_t pieces, struct prt_radial_op
 
 int prt_bases_create(const struct bake *b, struct bases *s)
 {
-    struct prt_profile own[3] = {{.kind = PRT_PROFILE_CURVE}};
+    struct prt_profile own[MOST_OWN] = {{.kind = PRT_PROFILE_CURVE}};
     uint32_t n_own = 0;
+    double eta[PRT_MEDIA_MAX];
     double size = prt_mesh_diagonal(b->mesh);
     memset(s, 0, sizeof *s);
     struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
                                    .family = PRT_FAMILY_DIPOLE,
-                                   .eta = b->o.material.eta,
+                                   .n_eta_more = prt_media_etas(&b->o.media, eta) - 1,
                                    .radius_mm = 1.01 * size,
                                    .max_error = 0.5 * b->o.max_error};
+    o.eta = eta[0];
+    memcpy(o.eta_more, eta + 1, o.n_eta_more * sizeof *eta);
     int status = own_profiles(b, own, &n_own);
     o.extra = own, o.n_extra = n_own;
     x07_size(b, 16, &o);
@@ -87,12 +99,18 @@ int prt_bases_create(const struct bake *b, struct bases *s)
     return status;
 }
 
+static void drop_training(struct bases *s)
+{
+    for (uint32_t i = 0; i < s->n_training; i++) free(s->training[i].weight);
+    s->n_training = 0;
+}
+
 void prt_bases_finish(struct bases *s)
 {
     prt_radial_destroy(s->reflectance);
     prt_radial_destroy(s->extinction);
     prt_extinction_table_destroy(s->integral);
-    free(s->training.weight);
+    drop_training(s);
     memset(s, 0, sizeof *s);
 }
 
@@ -102,10 +120,10 @@ static double log_step(double lo, double hi, int i, int n)
 }
 
 // A grey medium's coefficients: channel 0 of the fit.
-static int grey_fit(const struct prt_radial *radial, const struct bake *b, double sigma_s_prime,
+static int grey_fit(const struct prt_radial *radial, double eta, double sigma_s_prime,
                     double sigma_a, float *out)
 {
-    struct prt_material m = {.eta = b->o.material.eta};
+    struct prt_material m = {.eta = (float)eta};
     float coef[64 * 3];
     for (int c = 0; c < 3; c++)
         m.sigma_s_prime[c] = (float)sigma_s_prime, m.sigma_a[c] = (float)sigma_a, m.g[c] = 0;
@@ -138,21 +156,47 @@ static double share_on_body(const struct bake *b, const struct prt_diffusion *d)
 
 static const double absorber_share = 1.4; // weight of the strongest absorbers in the training
 
-int prt_bases_train_reflectance(const struct bake *b, struct bases *s)
+enum { SCATTER = 7, ABSORB = 4 };
+
+// The channels of the bake's media that have an R_d of their own and this eta.
+static uint32_t count_own(const struct bake *b, double eta)
 {
-    enum { SCATTER = 7, ABSORB = 4 };
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < b->o.media.n; i++)
+        if (b->o.media.medium[i].profile && (double)b->o.media.medium[i].eta == eta) n += 3;
+    return n;
+}
+
+static int train_own(const struct bake *b, const struct bases *s, double eta, float *row)
+{
+    const uint32_t J = s->reflectance->n_function;
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < b->o.media.n && status == PRT_OK; i++) {
+        const struct prt_material *m = &b->o.media.medium[i];
+        float coef[64 * 3];
+        if (!m->profile || (double)m->eta != eta) continue;
+        status = prt_radial_fit_material(s->reflectance, m, coef, NULL);
+        for (uint32_t c = 0; c < 3; c++, row += J)
+            for (uint32_t j = 0; j < J; j++)
+                row[j] = coef[3 * j + c] / (float)b->dipole[i][c].rho_d;
+    }
+    return status;
+}
+
+static int train_eta(const struct bake *b, const struct bases *s, double eta,
+                     struct training *t)
+{
     static const double absorb[ABSORB] = {0, 0.02, 0.25, 2};
-    uint32_t J = s->reflectance->n_function;
-    free(s->training.weight);
-    s->training.n = SCATTER * ABSORB + (b->o.material.profile ? 3 : 0);
-    s->training.weight = malloc((size_t)s->training.n * J * sizeof *s->training.weight);
-    int status = s->training.weight ? PRT_OK : PRT_NOMEM;
+    const uint32_t J = s->reflectance->n_function;
+    t->n = SCATTER * ABSORB + count_own(b, eta);
+    t->weight = malloc((size_t)t->n * J * sizeof *t->weight);
+    int status = t->weight ? PRT_OK : PRT_NOMEM;
     for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
         double scatter = log_step(0.02, 20, i / ABSORB, SCATTER);
         struct prt_diffusion d;
-        float *row = s->training.weight + (size_t)i * J;
-        prt_diffusion_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
-        status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
+        float *row = t->weight + (size_t)i * J;
+        prt_diffusion_init(&d, scatter, absorb[i % ABSORB], eta);
+        status = grey_fit(s->reflectance, eta, scatter, absorb[i % ABSORB], row);
         double answer = d.rho_d * share_on_body(b, &d);
         // The strongest absorbers respond only near the entry point and need the highest rank.
         // Measured on 16 of the bunny's clusters: error of (0.02, 2) mm^-1 1.28 -> 1.24 %, of
@@ -160,14 +204,17 @@ int prt_bases_train_reflectance(const struct bake *b, struct bases *s)
         if (i % ABSORB == ABSORB - 1) answer /= absorber_share;
         for (uint32_t j = 0; j < J; j++) row[j] /= (float)answer;
     }
-    if (status == PRT_OK && b->o.material.profile) { // the bake's own R_d, channel by channel
-        float coef[64 * 3];
-        status = prt_radial_fit_material(s->reflectance, &b->o.material, coef, NULL);
-        for (uint32_t c = 0; c < 3; c++)
-            for (uint32_t j = 0; j < J; j++)
-                s->training.weight[(SCATTER * ABSORB + (size_t)c) * J + j] =
-                    coef[3 * j + c] / (float)b->dipole[c].rho_d;
-    }
+    return status ? status : train_own(b, s, eta, t->weight + (size_t)SCATTER * ABSORB * J);
+}
+
+int prt_bases_train_reflectance(const struct bake *b, struct bases *s)
+{
+    double eta[PRT_MEDIA_MAX];
+    const uint32_t n = prt_media_etas(&b->o.media, eta);
+    int status = PRT_OK;
+    drop_training(s);
+    for (s->n_training = 0; s->n_training < n && status == PRT_OK; s->n_training++)
+        status = train_eta(b, s, eta[s->n_training], &s->training[s->n_training]);
     return status;
 }
 
@@ -177,17 +224,19 @@ int prt_bases_train_extinction(const struct bake *b, struct bases *s, uint32_t n
 {
     enum { STEPS = 10 };
     uint32_t J = s->extinction->n_function, F = J * n_phase;
-    free(s->training.weight);
-    s->training.n = STEPS * n_phase;
-    s->training.weight = calloc((size_t)s->training.n * F, sizeof *s->training.weight);
-    int status = s->training.weight ? PRT_OK : PRT_NOMEM;
+    struct training *t0 = &s->training[0];
+    drop_training(s);
+    t0->n = STEPS * n_phase;
+    t0->weight = calloc((size_t)t0->n * F, sizeof *t0->weight);
+    s->n_training = 1;
+    int status = t0->weight ? PRT_OK : PRT_NOMEM;
     for (uint32_t t = 0; status == PRT_OK && t < STEPS; t++) {
         double sigma = log_step(0.03, 40, (int)t, STEPS);
         float coef[64];
-        status = grey_fit(s->extinction, b, sigma, 0, coef);
+        status = grey_fit(s->extinction, 1, sigma, 0, coef);
         for (uint32_t k = 0; k < n_phase; k++)
             for (uint32_t j = 0; j < J; j++)
-                s->training.weight[((size_t)t * n_phase + k) * F + k * J + j] =
+                t0->weight[((size_t)t * n_phase + k) * F + k * J + j] =
                     coef[j] * (float)sigma * (k ? higher_planes : 1.0f);
     }
     return status;

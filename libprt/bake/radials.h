@@ -11,13 +11,16 @@
 struct bases {
     struct prt_radial *reflectance, *extinction; /* of R_d; of e^(-sigma_t r) or NULL */
     struct extinction_table *integral;           /* of extinction's functions, or NULL */
-    struct training training;                    /* of the term whose train function ran last */
+    /* Of the term whose train function ran last: one for each eta, or one. */
+    struct training training[PRT_RADIAL_MORE_ETA + 1];
+    uint32_t n_training;
 };
 int prt_bases_create(const struct bake *b, struct bases *out);
 void prt_bases_finish(struct bases *s);
 /* The reflectance basis as the functions of a cut; refers to s. */
 struct radial_set prt_bases_radial_set(const struct bases *s);
-/* Fills s->training for multiple scattering: media over the range, each divided by its response
+/* Fills s->training for multiple scattering, for each eta of the bake's media in the order of
+ * prt_media_etas: media over the range, each divided by its response
  * to constant irradiance, so that all errors are relative. */
 int prt_bases_train_reflectance(const struct bake *b, struct bases *s);
 /* The same for single scattering: extinctions over the range, each plane of the phase function

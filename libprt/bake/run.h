@@ -9,15 +9,15 @@ struct bake {
     const struct prt_context *ctx;
     const struct prt_mesh *mesh;
     struct prt_bake_options o;
-    struct prt_diffusion dipole[3];
+    struct prt_diffusion (*dipole)[3]; // [media.n]
     struct prt_scene *scene;
     struct prt_surface_points *surface; // NULL: nothing is translucent
     struct hierarchy *hierarchy;
     struct directions *directions;
     struct clusters *clusters;
     struct half_rows irradiance;
-    struct radial_set radial;
-    struct single_plan single;
+    struct radial_set *radial;     // [media.n] R_d of each medium; wavelet
+    struct single_plan *single;    // [media.n], which share one horizon; NULL: not planned
     struct factored *factored;     // [n_cluster] of the tensor at hand
     struct sparse_builder *sparse; // of the tensor at hand; NULL: factored storage
     struct prt_transport out;
@@ -53,6 +53,14 @@ size_t prt_bake_rows_room(const struct prt_bake_options *options);
  * range of media: twice the columns (64), so that U serves more lights than the probes. Opaque
  * surfaces: shadows have a higher rank than scattered light. */
 enum { WAVELET_PROBES = 192, JOINT_PROBES = 128, OPAQUE_PROBES = 192 };
+/* The number of a cluster's medium in o.media. */
+uint32_t prt_bake_medium(const struct bake *b, uint32_t cluster);
+/* Fills b->dipole; prt_free()d by the caller. PRT_NOMEM. */
+int prt_bake_dipoles(struct bake *b);
+/* A Fresnel table for each medium, [media.n]; NULL without memory; the caller prt_free()s. */
+struct fresnel_table *prt_bake_fresnel(const struct prt_media *media);
+/* Whether some medium scatters singly: one with an R_d of its own holds all its light. */
+bool prt_bake_any_single(const struct bake *b);
 /* A log that drops every line. */
 void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
 /* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.
@@ -64,8 +72,11 @@ struct tensor_job {
     prt_loop_fn range; /* over clusters: passes the rows of each to prt_bake_take_rows */
     uint32_t n_function, n_phase;
     const struct probes *probes;
-    const struct training *training; /* NULL: every function is a combination of its own */
-    const void *user;                /* the engine's own data */
+    /* [n_training] by the number of the cluster's eta among prt_media_etas, or one for all;
+     * NULL: every function is a combination of its own */
+    const struct training *training;
+    uint32_t n_training;
+    const void *user; /* the engine's own data */
 };
 /* Bakes the tensor of the next slot: rows by job->range over all clusters, then packing. */
 int prt_bake_tensor(struct tensor_job *job);
@@ -81,9 +92,11 @@ int prt_bake_single_range(void *tensor_job, size_t begin, size_t end, unsigned w
 /* n Gaussian lights, drawn from the bake's seed. */
 int prt_probes_create(const struct bake *b, uint32_t n, struct probes *out);
 void prt_probes_finish(struct probes *probes);
-/* Fills b->single from the material. An engine sets a radial basis afterwards and calls
- * prt_single_plan_depths again. */
-void prt_bake_plan_single(struct bake *b);
+/* Makes b->single from the media. extinction: a radial basis in place of sigma_t, or NULL;
+ * n_direction: 0: the texels of the light. PRT_NOMEM. */
+int prt_bake_plan_single(struct bake *b, const struct extinction_table *extinction,
+                         uint32_t n_direction);
+void prt_bake_unplan_single(struct bake *b);
 /* Pass 1 (prt_irradiance_bake) into b->irradiance, timed; nothing where nothing is translucent
  * or no rows are needed, because all clusters are there already. */
 int prt_bake_irradiance(struct bake *b);

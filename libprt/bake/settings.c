@@ -22,6 +22,21 @@ static void add_u64(cJSON *to, const char *name, uint64_t value)
     cJSON_AddRawToObject(to, name, text);
 }
 
+// The media after the first, and the number of each object's medium.
+static void add_media(cJSON *to, const struct prt_media *media, uint32_t n_object)
+{
+    char text[PRT_MATERIAL_SUMMARY];
+    if (media->n == 1) return;
+    cJSON *all = cJSON_AddArrayToObject(to, "media");
+    for (uint32_t i = 0; i < media->n; i++) {
+        prt_material_summary(&media->medium[i], text, sizeof text);
+        cJSON_AddItemToArray(all, cJSON_CreateRaw(text));
+    }
+    cJSON *of = cJSON_AddArrayToObject(to, "medium_of_object");
+    for (uint32_t i = 0; i < n_object; i++)
+        cJSON_AddItemToArray(of, cJSON_CreateNumber(prt_media_index(media, i)));
+}
+
 char *prt_bake_describe(const struct bake *b)
 {
     static const char *const engine[] = {"wavelet", "polynomial", "joint"};
@@ -31,7 +46,7 @@ char *prt_bake_describe(const struct bake *b)
     if (!json) return NULL;
     for (uint32_t c = 0; b->rays_single && c < b->clusters->n_cluster; c++)
         rays += b->rays_single[c];
-    prt_material_summary(&b->o.material, material, sizeof material);
+    prt_material_summary(&b->o.media.medium[0], material, sizeof material);
     cJSON_AddStringToObject(json, "engine", engine[b->o.engine]);
     cJSON_AddStringToObject(json, "storage",
                             b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored");
@@ -49,6 +64,7 @@ char *prt_bake_describe(const struct bake *b)
     add_u64(json, "rays_irradiance", b->rays_irradiance);
     add_u64(json, "rays_single", rays);
     cJSON_AddRawToObject(json, "material", material);
+    add_media(json, &b->o.media, b->mesh->n_object);
     if (b->o.settings_json) cJSON_AddRawToObject(json, "source", b->o.settings_json);
     char *text = cJSON_PrintUnformatted(json);
     cJSON_Delete(json);

@@ -103,7 +103,7 @@ struct irradiance_source {
     const struct hierarchy *hierarchy;
     const struct directions *directions;
     struct checkpoint *checkpoint; /* or NULL */
-    double eta;                    /* of the medium */
+    const struct prt_media *media; /* whose eta each object has */
     size_t room;                   /* bytes of memory for the rows (prt_half_rows_create) */
 };
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
@@ -348,7 +348,8 @@ struct single_plan {
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction; /* most directions at once: n_coef, or a light's rays */
 
-    struct horizon *horizon; /* saves shadow rays; NULL without memory for it */
+    struct horizon *horizon; /* saves shadow rays; NULL without memory for it. A plan that has
+                                one before prt_single_plan_depths keeps it */
     uint32_t n_node;         /* depths traced */
     float first_mm, last_mm; /* least and greatest depth */
     float inward_mm;         /* reach of rays through the body */

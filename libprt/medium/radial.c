@@ -16,6 +16,13 @@ static int check_options(const struct prt_context *ctx, const struct prt_radial_
                         (unsigned)o->kind, (unsigned)o->family);
     if (o->family == PRT_FAMILY_DIPOLE && !(o->eta >= 1 && o->eta <= 3))
         return prt_fail(ctx, PRT_ARG, "radial basis: eta is %g, allowed range 1 to 3", o->eta);
+    if (o->n_eta_more > PRT_RADIAL_MORE_ETA)
+        return prt_fail(ctx, PRT_ARG, "radial basis: %u values of eta, at most %d",
+                        o->n_eta_more + 1, PRT_RADIAL_MORE_ETA + 1);
+    for (uint32_t i = 0; o->family == PRT_FAMILY_DIPOLE && i < o->n_eta_more; i++)
+        if (!(o->eta_more[i] >= 1 && o->eta_more[i] <= 3))
+            return prt_fail(ctx, PRT_ARG, "radial basis: eta is %g, allowed range 1 to 3",
+                            o->eta_more[i]);
     if (!(o->sigma_lo >= 0 && o->sigma_hi >= o->sigma_lo && o->sigma_hi <= 5000 &&
           o->sigma_a_lo >= 0 && o->sigma_a_hi >= o->sigma_a_lo && o->sigma_a_hi <= 1000))
         return prt_fail(ctx, PRT_ARG, "radial basis: range sigma %g..%g, sigma_a %g..%g mm^-1",
@@ -50,6 +57,8 @@ static int radial_init(const struct prt_context *ctx, const struct prt_radial_op
     pub->kind = o->kind;
     pub->family = o->family;
     pub->eta = o->family == PRT_FAMILY_DIPOLE ? o->eta : 1;
+    pub->n_eta_more = o->family == PRT_FAMILY_DIPOLE ? o->n_eta_more : 0;
+    memcpy(pub->eta_more, o->eta_more, pub->n_eta_more * sizeof *o->eta_more);
     radial->degree = o->kind == PRT_RADIAL_HAT || !o->degree ? 1 : o->degree;
     radial->cpu = ctx ? ctx->cpu : prt_cpu_detect();
     memcpy(pub->range, whole_range[o->family], sizeof pub->range);

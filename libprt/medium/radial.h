@@ -46,6 +46,16 @@ struct radial {
     float *inv_step;  /* [n_grid] */
 };
 
+/* Number of indices that the family covers, and index i. */
+static inline uint32_t radial_n_eta(const struct prt_radial *radial)
+{
+    return 1 + radial->n_eta_more;
+}
+static inline double radial_eta(const struct prt_radial *radial, uint32_t i)
+{
+    return i ? radial->eta_more[i - 1] : radial->eta;
+}
+
 int prt_radial_grid_init(struct radial *radial, double r_lo, double radius);
 bool prt_radial_is_plain(const struct radial *radial);
 bool prt_radial_is_spline(const struct radial *radial);

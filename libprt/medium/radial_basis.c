@@ -12,6 +12,20 @@
 /* Members of the family: a logarithmic grid over its range (METHODS §4). */
 enum { N_SIGMA = 28, N_SIGMA_A = 16, N_SIGMA_T = 160 };
 
+/* Steps of sigma_s' for each index: fewer where several indices, which R_d follows smoothly,
+ * fill the family. */
+static int sigma_steps(const struct radial *radial)
+{
+    const int n_eta = (int)radial_n_eta(&radial->pub);
+    return n_eta == 1 ? N_SIGMA : n_eta < 5 ? 36 / n_eta : 7;
+}
+
+static uint32_t most_members(const struct radial *radial)
+{
+    uint32_t dipoles = radial_n_eta(&radial->pub) * (uint32_t)sigma_steps(radial) * N_SIGMA_A;
+    return dipoles > N_SIGMA_T ? dipoles : N_SIGMA_T;
+}
+
 static uint32_t family_members(const struct radial *radial, struct radial_member *out)
 {
     const double *s = radial->pub.range[0], *a = radial->pub.range[1];
@@ -23,12 +37,14 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
         return n;
     }
     const double a_lo = a[0] > 0 ? a[0] : fmin(1e-5, a[1]);
-    for (int i = 0; i < N_SIGMA; i++)
+    const int steps = sigma_steps(radial);
+    for (int i = 0; i < steps * (int)radial_n_eta(&radial->pub); i++)
         for (int k = 0; k < N_SIGMA_A; k++) {
             double t = (k - 1) / (N_SIGMA_A - 2.0);
             double sigma_a = k && a_lo > 0 ? a_lo * pow(a[1] / a_lo, t) : a[0];
-            prt_radial_member_init(&out[n++], PRT_FAMILY_DIPOLE, radial->pub.eta,
-                                   s[0] * pow(s[1] / s[0], i / (N_SIGMA - 1.0)), sigma_a);
+            prt_radial_member_init(&out[n++], PRT_FAMILY_DIPOLE,
+                                   radial_eta(&radial->pub, (uint32_t)(i / steps)),
+                                   s[0] * pow(s[1] / s[0], i % steps / (steps - 1.0)), sigma_a);
         }
     return n;
 }
@@ -75,7 +91,7 @@ int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out,
                        uint32_t *n_out)
 {
     const uint32_t nq = radial->n_quad;
-    struct radial_member *member = prt_calloc(N_SIGMA * N_SIGMA_A, sizeof *member);
+    struct radial_member *member = prt_calloc(most_members(radial), sizeof *member);
     if (!member) return PRT_NOMEM;
     uint32_t n = family_members(radial, member);
     double *row = prt_calloc((size_t)n * nq, sizeof *row);

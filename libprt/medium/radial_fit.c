@@ -307,12 +307,15 @@ int prt_radial_fit_material(const struct prt_radial *radial,
     const struct radial *self = (const struct radial *)radial;
     struct radial_member member[3];
     const bool dipole = radial->family == PRT_FAMILY_DIPOLE;
-    if (dipole && !(fabs(radial->eta - material->eta) < 1e-4)) return PRT_MISMATCH;
+    double eta = 0; // of the family, that the material has
+    for (uint32_t i = 0; i < radial_n_eta(radial) && !(eta > 0); i++)
+        if (fabs(radial_eta(radial, i) - material->eta) < 1e-4) eta = radial_eta(radial, i);
+    if (dipole && !(eta > 0)) return PRT_MISMATCH;
     for (int c = 0; c < 3; c++) {
         double s = material->sigma_s_prime[c], a = material->sigma_a[c], g = material->g[c];
         double sigma = dipole ? s : a + s / (1 - g);
         if (!(s > 0 && a >= 0 && g < 1) || !isfinite(sigma)) return PRT_ARG;
-        prt_radial_member_init(&member[c], radial->family, radial->eta, sigma, a);
+        prt_radial_member_init(&member[c], radial->family, eta, sigma, a);
     }
     double e;
     if (dipole && material->profile) {
@@ -367,6 +370,7 @@ static double log_between(double lo, double hi, double t)
 int prt_radial_measure(struct radial *radial)
 {
     enum { N_TRIPLE = 96 };
+    const uint32_t n_eta = radial_n_eta(&radial->pub);
     const double *s = radial->pub.range[0], *a = radial->pub.range[1];
     const double a_lo = a[0] > 0 ? a[0] : fmin(1e-5, a[1]);
     struct prt_rng rng;
@@ -383,7 +387,8 @@ int prt_radial_measure(struct radial *radial)
             double sigma_a = k >= 4 && v < 0.1 ? a[0]
                              : a_lo > 0        ? log_between(a_lo, a[1], v)
                                                : 0;
-            prt_radial_member_init(&m[0], radial->pub.family, radial->pub.eta,
+            prt_radial_member_init(&m[0], radial->pub.family,
+                                   radial_eta(&radial->pub, (uint32_t)k % n_eta),
                                    log_between(s[0], s[1], u), k < 4 ? a[v > 0] : sigma_a);
             m[1] = m[2] = m[0];
             e[c] = fit_members(radial, m, coef);

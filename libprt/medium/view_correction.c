@@ -15,7 +15,7 @@
 static const float C1 = 0.48860251f; // Y_1m is C1 times y, z, x
 
 struct correction {
-    uint32_t n_vertex;
+    uint32_t n_vertex, begin;
     const float (*normal)[3];
     unsigned n_phase, n_plane;
     float slope;  // rho = 1 + slope (1 - mu_o')
@@ -74,12 +74,12 @@ static void correct(const struct correction *k, const float n[3], float *p[4])
     }
 }
 
-static int correct_range(void *arg, size_t begin, size_t end, unsigned worker)
+static int correct_range(void *arg, size_t from, size_t to, unsigned worker)
 {
     const struct correction *k = arg;
     const size_t size = (size_t)3 * k->n_vertex;
     const float rest = 1 + k->slope * (1 - k->lowest) / 2; // of higher degrees
-    for (size_t v = begin; v < end; v++)
+    for (size_t v = k->begin + from; v < k->begin + to; v++)
         for (size_t ch = 0; ch < 3; ch++) {
             float *p[4];
             for (size_t i = 0; i < 4; i++) p[i] = k->planes + i * size + 3 * v + ch;
@@ -89,10 +89,11 @@ static int correct_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, const float (*normal)[3],
-                     double eta, unsigned n_phase, unsigned n_plane, float *planes)
+int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, uint32_t begin,
+                     uint32_t end, const float (*normal)[3], double eta, unsigned n_phase,
+                     unsigned n_plane, float *planes)
 {
-    struct correction k = {n_vertex, normal, n_phase, n_plane, 0, 0, planes};
+    struct correction k = {n_vertex, begin, normal, n_phase, n_plane, 0, 0, planes};
     k.slope = slope_of(eta, &k.lowest);
-    return prt_parallel_for(ctx, NULL, n_vertex, 2048, correct_range, &k);
+    return prt_parallel_for(ctx, NULL, end - begin, 2048, correct_range, &k);
 }

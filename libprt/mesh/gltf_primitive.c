@@ -319,6 +319,5 @@ int prt_gltf_instance(struct gltf *g, size_t node_index, const double *world)
     if (!mesh->n) return prt_gltf_bad(g, "mesh %lld has no primitives", (long long)node->mesh);
     for (size_t i = 0; i < mesh->n; i++)
         if ((status = read_primitive(g, &mesh->primitive[i], at))) return status;
-    g->d->n_object += g->d->n_block > before;
-    return PRT_OK;
+    return g->d->n_block > before ? prt_draft_object(g->d, node->name) : PRT_OK;
 }

@@ -23,6 +23,8 @@ struct prt_draft {
     uint32_t (*triangle)[3];
     struct prt_block *block;
     struct prt_surface *surface;
+    struct prt_object *object; // [cap_object]
+    uint32_t cap_object;
     struct prt_mesh_camera camera[PRT_MESH_MOST_CAMERAS];
     uint32_t n_camera;
     bool has_uv, units_known;
@@ -46,6 +48,8 @@ struct prt_draft {
 int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first);
 int prt_draft_triangle(struct prt_draft *d, uint32_t a, uint32_t b, uint32_t c);
 int prt_draft_block(struct prt_draft *d, struct prt_block block);
+// The next object: block.object is d->n_object - 1 afterwards. name may be NULL.
+int prt_draft_object(struct prt_draft *d, const char *name);
 int prt_draft_surface(struct prt_draft *d, const struct prt_surface *s, uint32_t *index);
 // The maps of a surface, all absent at first. NULL without memory.
 struct prt_surface_maps *prt_draft_maps(struct prt_draft *d, uint32_t surface);
@@ -86,5 +90,7 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
 // Welds, computes missing normals, counts edges, and warns about open, non-manifold and
 // inconsistently wound surfaces. In place.
 int prt_mesh_finish(const struct prt_context *ctx, const char *name, struct prt_mesh *mesh);
+// Numbers the distinct (object, position) pairs: weld and n_weld.
+int prt_mesh_weld(const struct prt_context *ctx, const char *name, struct prt_mesh *mesh);
 
 #endif

@@ -9,6 +9,7 @@ void prt_mesh_destroy(struct prt_mesh *mesh)
 {
     if (!mesh) return;
     prt_free(mesh->owner);
+    prt_free(mesh->parts);
     prt_free(mesh);
 }
 
@@ -43,7 +44,7 @@ static int fill(struct prt_draft *d, uint32_t n_vertex, const float (*position)[
                             n_vertex);
         status = prt_draft_triangle(d, i[0], i[1], i[2]);
     }
-    d->n_object = 1;
+    if (!status) status = prt_draft_object(d, NULL);
     return status ? status
                   : prt_draft_block(
                         d, (struct prt_block){.n_vertex = n_vertex, .n_triangle = n_triangle});

@@ -26,6 +26,7 @@ enum {
     WELD,
     BLOCK,
     SURFACE,
+    OBJECT,
     UV_MORE,
     CORNER_UV,
     COLOR,
@@ -51,6 +52,7 @@ static struct layout layout_of(const struct block_header *h)
         v * 4,
         h->n_block * sizeof(struct prt_block),
         h->n_surface * sizeof(struct prt_surface),
+        h->n_object * sizeof(struct prt_object),
         h->n_uv > 1 ? (h->n_uv - 1) * v * 8 : 0,
         h->has_corner_uv ? (size_t)h->n_triangle * 24 : 0,
         h->has_color ? v * 16 : 0,
@@ -118,6 +120,7 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
     memcpy(bytes + l.at[TRIANGLE], d->triangle, (size_t)d->n_triangle * 12);
     memcpy(bytes + l.at[BLOCK], d->block, d->n_block * sizeof *d->block);
     memcpy(bytes + l.at[SURFACE], d->surface, d->n_surface * sizeof *d->surface);
+    memcpy(bytes + l.at[OBJECT], d->object, d->n_object * sizeof *d->object);
     memcpy(bytes + l.at[CAMERA], d->camera, d->n_camera * sizeof *d->camera);
     pack_textures(d, &l, bytes);
     *out = (struct prt_blob){bytes, l.at[N_PART]};
@@ -133,6 +136,8 @@ static bool finite_within(const float *x, size_t n, float bound)
 
 static bool surfaces_ok(const struct prt_mesh *m)
 {
+    for (uint32_t i = 0; m->object && i < m->n_object; i++)
+        if (!memchr(m->object[i].name, 0, sizeof m->object[i].name)) return false;
     for (uint32_t i = 0; i < m->n_surface; i++) {
         const struct prt_surface *s = &m->surface[i];
         if (s->name[sizeof s->name - 1] || s->translucent > 1) return false;
@@ -240,6 +245,7 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
                            .weld = (void *)(b + l.at[WELD]),
                            .block = (void *)(b + l.at[BLOCK]),
                            .surface = (void *)(b + l.at[SURFACE]),
+                           .object = h.n_object ? (void *)(b + l.at[OBJECT]) : NULL,
                            .camera = h.n_camera ? (void *)(b + l.at[CAMERA]) : NULL,
                            .n_camera = h.n_camera};
     open_textures(m, &h, &l, b);

@@ -3,6 +3,7 @@
 #include "internal.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -87,6 +88,17 @@ int prt_draft_block(struct prt_draft *d, struct prt_block block)
     return PRT_OK;
 }
 
+int prt_draft_object(struct prt_draft *d, const char *name)
+{
+    if (!grow((void **)&d->object, &d->cap_object, (uint64_t)d->n_object + 1,
+              sizeof *d->object))
+        return no_memory(d);
+    struct prt_object *object = &d->object[d->n_object++];
+    *object = (struct prt_object){{0}};
+    if (name) snprintf(object->name, sizeof object->name, "%.63s", name);
+    return PRT_OK;
+}
+
 int prt_draft_surface(struct prt_draft *d, const struct prt_surface *s, uint32_t *index)
 {
     if (!grow((void **)&d->surface, &d->cap_surface, (uint64_t)d->n_surface + 1,
@@ -117,6 +129,7 @@ void prt_draft_finish(struct prt_draft *d)
     free(d->triangle);
     free(d->block);
     free(d->surface);
+    free(d->object);
     for (int k = 0; k < PRT_TEXTURE_MAX_UV - 1; k++) free(d->uv_more[k]);
     free(d->color);
     free(d->corner_uv);

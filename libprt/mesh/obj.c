@@ -285,7 +285,7 @@ static int finish(struct obj *o)
         if (own) *own = maps;
         else status = prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
     }
-    d->n_object = 1;
+    if (!status) status = prt_draft_object(d, NULL);
     return status ? status
                   : prt_draft_block(d, (struct prt_block){.n_vertex = d->n_vertex,
                                                           .n_triangle = d->n_triangle});

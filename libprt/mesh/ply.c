@@ -294,7 +294,7 @@ int prt_read_ply(struct prt_draft *d, const char *text, size_t n)
     prt_surface_default(&s, NULL);
     s.translucent = !prt_draft_opaque(d, s.name);
     if (!status) status = prt_draft_surface(d, &s, &index);
-    d->n_object = 1;
+    if (!status) status = prt_draft_object(d, NULL);
     return status ? status
                   : prt_draft_block(d, (struct prt_block){.n_vertex = d->n_vertex,
                                                           .n_triangle = d->n_triangle});

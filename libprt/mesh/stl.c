@@ -150,7 +150,7 @@ int prt_read_stl(struct prt_draft *d, const char *bytes, size_t n)
     prt_surface_default(&s, t.name[0] ? t.name : NULL);
     s.translucent = !t.opaque;
     if (!status) status = prt_draft_surface(d, &s, &index);
-    d->n_object = 1;
+    if (!status) status = prt_draft_object(d, NULL);
     return status ? status
                   : prt_draft_block(d, (struct prt_block){.n_vertex = d->n_vertex,
                                                           .n_triangle = d->n_triangle});

@@ -34,7 +34,7 @@ static uint64_t position_hash(struct position_key p)
 }
 
 // weld[v]: the rank of v's (object, position) by first appearance. first[w]: that vertex.
-static int weld(const struct prt_context *ctx, const char *name, struct prt_mesh *m)
+int prt_mesh_weld(const struct prt_context *ctx, const char *name, struct prt_mesh *m)
 {
     size_t size = 16;
     while (size < (size_t)m->n_vertex * 2) size *= 2;
@@ -284,7 +284,7 @@ int prt_mesh_finish(const struct prt_context *ctx, const char *name, struct prt_
     prt_mesh_bounds(m, box);
     if (box[0][0] == box[1][0] && box[0][1] == box[1][1] && box[0][2] == box[1][2])
         return prt_fail(ctx, PRT_FORMAT, "%s: all vertices lie at one point", name);
-    int status = weld(ctx, name, m);
+    int status = prt_mesh_weld(ctx, name, m);
     if (!status) status = make_normals(ctx, name, m);
     if (!status) status = count_edges(ctx, name, m, &e);
     if (!status) warn(ctx, name, m, &e);

@@ -48,6 +48,7 @@ struct prt_visibility {
     uint32_t width, height;
     unsigned n_sub;
     uint32_t n_mesh_vertex, n_mesh_triangle; /* of the mesh it was drawn from */
+    uint32_t n_block, *block_object;         /* [n_block] object of each block of it */
     /* covered pixels, row-major */
     uint32_t n_covered;
     uint32_t *row_covered;     /* [height+1] first covered pixel of a row */

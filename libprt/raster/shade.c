@@ -46,14 +46,16 @@ struct shade_job {
     const float *planes;
     size_t plane_floats;
     unsigned n_plane;
-    float eye[3], eta, plain[3], sign[16];
+    float eye[3], plain[3], sign[16];
     float sky_cos, sky_sin; // of the background's rotation about +y
-    float exit;             // factor of F_t; 0: translucent radiance leaves as it is
     const struct cube_view *specular, *background;
-    int level_floats;    // distance of the levels of roughness in specular
-    float roughness;     // of points without their own
-    float *rgb, *alpha;  // alpha NULL: with a background
-    const float *shadow; // [height][width][3] of the background, or NULL
+    int level_floats;       // distance of the levels of roughness in specular
+    const float *eta;       // [n_block]
+    const float *roughness; // [n_block] of points without their own
+    const float *exit;      // [n_block] factor of F_t; 0: translucent radiance leaves as it is
+    bool one_medium;        // all blocks have the first one's
+    float *rgb, *alpha;     // alpha NULL: with a background
+    const float *shadow;    // [height][width][3] of the background, or NULL
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
 
@@ -111,16 +113,37 @@ static void harmonic_signs(float sign[16])
     for (int k = 1; k < 16; k++) sign[k] = y[k] * mine[k - 1][0] < 0 ? -1 : 1;
 }
 
+// eta, roughness and the exit's factor of each block, [3][n_block]; NULL without memory.
+static float *surface_of_blocks(const struct prt_visibility *vis, const struct prt_shade *s)
+{
+    static const struct prt_material none = {.eta = 1};
+    const struct prt_media media = s->media.n ? s->media : prt_media_one(&none);
+    const size_t n = vis->n_block;
+    float *value = prt_alloc(3 * n, sizeof *value), exit[PRT_MEDIA_MAX];
+    for (uint32_t i = 0; i < media.n; i++) {
+        const double eta = fmax(1, (double)media.medium[i].eta);
+        exit[i] = s->fresnel ? (float)(1 / prt_exit_divisor(eta, s->exit)) : 0;
+    }
+    for (uint32_t i = 0; value && i < n; i++) {
+        const uint32_t medium = prt_media_index(&media, vis->block_object[i]);
+        value[i] = fmaxf(1, media.medium[medium].eta);
+        value[n + i] = media.medium[medium].roughness;
+        value[2 * n + i] = exit[medium];
+    }
+    return value;
+}
+
 static int shade(const struct prt_context *ctx, const struct prt_visibility *vis,
                  const struct prt_shade *s, struct shade_job *job, struct prt_image *out)
 {
+    float *of_block = surface_of_blocks(vis, s);
     struct prt_image image = {vis->width, vis->height, NULL, NULL};
     image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
     struct border_cube lobe = {0}, sky = {0};
     struct cube_view specular, background;
     if (s->transparent)
         image.alpha = prt_alloc((size_t)vis->width * vis->height, sizeof(float));
-    bool good = image.rgb && (image.alpha || !s->transparent);
+    bool good = image.rgb && of_block && (image.alpha || !s->transparent);
     struct prt_gbuffer own = vis->g;
     if (s->leave_out & PRT_LOOK_BASE) own.base[0] = NULL;
     if (s->leave_out & PRT_LOOK_NORMAL) own.turned[0] = NULL;
@@ -130,8 +153,10 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     job->frame = &vis->frame;
     job->width = vis->width;
     job->height = vis->height;
-    job->eta = s->eta >= 1 ? s->eta : 1;
-    job->exit = s->fresnel ? (float)(1 / prt_exit_divisor((double)job->eta, s->exit)) : 0;
+    job->eta = of_block;
+    job->roughness = of_block ? of_block + vis->n_block : NULL;
+    job->exit = of_block ? of_block + 2 * (size_t)vis->n_block : NULL;
+    job->one_medium = s->media.n <= 1;
     job->rgb = image.rgb;
     job->alpha = image.alpha;
     job->shadow = s->shadow;
@@ -142,7 +167,6 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->eye[i] = (float)vis->frame.eye[i];
         job->plain[i] = s->transparent ? 0 : s->background_rgb[i];
     }
-    job->roughness = s->roughness;
     if (good && s->specular) {
         good = prt_specular_stack(s->specular, &lobe);
         specular = view_bordered(&lobe);
@@ -166,6 +190,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
                                  vis->width, vis->height);
     prt_border_cube_finish(&lobe);
     prt_border_cube_finish(&sky);
+    prt_free(of_block);
     if (status) {
         prt_image_finish(&image);
         return status;

@@ -70,6 +70,15 @@ static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
     }
 }
 
+/* A value of the blocks that n points lie in. */
+static void PRT_KERNEL(gather)(const struct shade_job *job, const float *of_block, size_t at,
+                               int n, float *restrict out)
+{
+    const uint32_t *block = job->g->block + at;
+    for (int i = 0; job->one_medium && i < n; i++) out[i] = of_block[0];
+    for (int i = 0; !job->one_medium && i < n; i++) out[i] = of_block[block[i]];
+}
+
 /* The normal that shading takes where the eye sees it: see struct eyed_normal. */
 static inline __attribute__((always_inline)) struct eyed_normal
 PRT_KERNEL(eyed_normal)(float wx, float wy, float wz, float nx, float ny, float nz,
@@ -108,8 +117,11 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *nx = g->normal[0] + at, *ny = g->normal[1] + at, *nz = g->normal[2] + at;
     const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
-    const float eta = job->eta, inv_eta = 1 / eta, *facing = g->facing + at;
+    const float *facing = g->facing + at;
+    float etas[LANES];
+    PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
+        const float eta = etas[i], inv_eta = 1 / eta;
         struct eyed_normal e = PRT_KERNEL(eyed_normal)(ex - px[i], ey - py[i], ez - pz[i],
                                                        nx[i], ny[i], nz[i], facing[i], eta);
         v->transmit[i] = 1 - e.mirror;
@@ -132,9 +144,11 @@ static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int 
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *tx = g->turned[0] + at, *ty = g->turned[1] + at, *tz = g->turned[2] + at;
     const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2], *facing = g->facing + at;
+    float etas[LANES];
+    PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
-        struct eyed_normal e = PRT_KERNEL(eyed_normal)(
-            ex - px[i], ey - py[i], ez - pz[i], tx[i], ty[i], tz[i], facing[i], job->eta);
+        struct eyed_normal e = PRT_KERNEL(eyed_normal)(ex - px[i], ey - py[i], ez - pz[i],
+                                                       tx[i], ty[i], tz[i], facing[i], etas[i]);
         v->mirror[i] = e.mirror;
         v->rx[i] = 2 * e.c * e.mx - e.wx;
         v->ry[i] = 2 * e.c * e.my - e.wy;
@@ -150,8 +164,10 @@ static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int
     float share[LANES], hr[LANES], hg[LANES], hb[LANES];
     const float *own = job->g->roughness ? job->g->roughness + at : NULL;
     const float *variance = job->g->variance + at;
+    float medium[LANES];
+    PRT_KERNEL(gather)(job, job->roughness, at, n, medium);
     for (int i = 0; i < n; i++) {
-        float rough = own && own[i] >= 0 ? own[i] : job->roughness;
+        float rough = own && own[i] >= 0 ? own[i] : medium[i];
         float spread = variance[i] < 0.09f ? 2 * variance[i] : 0.18f;
         /* alpha^2 grows by the normals' variance over the pixel (METHODS §6) */
         if (spread > 1e-4f) rough = sqrtf(sqrtf(rough * rough * rough * rough + spread));
@@ -290,9 +306,10 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     }
     if (job->g->base[0] || job->g->occlusion)
         PRT_KERNEL(apply_look)(job, at, n, r, g, b, sr, sg, sb);
-    const float leaves = job->exit;
+    float leaves[LANES];
+    PRT_KERNEL(gather)(job, job->exit, at, n, leaves);
     for (int i = 0; i < n; i++) {
-        float t = leaves > 0 && !opaque[i] ? leaves * v.transmit[i] : 1;
+        float t = leaves[i] > 0 && !opaque[i] ? leaves[i] * v.transmit[i] : 1;
         float mirror = opaque[i] ? 0 : v.mirror[i];
         float cr = t * r[i], cg = t * g[i], cb = t * b[i];
         r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];

@@ -375,6 +375,14 @@ static int build(struct builder *b, enum prt_raster_backend backend)
     return status ? status : prt_raster_unblocked(b->ctx, b->mesh, vis);
 }
 
+static bool keep_objects(struct prt_visibility *vis, const struct prt_mesh *mesh)
+{
+    vis->block_object = prt_alloc(mesh->n_block, sizeof *vis->block_object);
+    vis->n_block = vis->block_object ? mesh->n_block : 0;
+    for (uint32_t i = 0; i < vis->n_block; i++) vis->block_object[i] = mesh->block[i].object;
+    return vis->block_object != NULL;
+}
+
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                           const struct prt_camera *camera, const struct prt_raster *raster,
                           struct prt_visibility **out)
@@ -401,6 +409,8 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
     vis->n_mesh_triangle = mesh->n_triangle;
     int status = prt_camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
                                        width, height, &vis->frame);
+    if (!status && !keep_objects(vis, mesh))
+        status = prt_fail(ctx, PRT_NOMEM, "raster: no memory");
     if (!status) {
         struct builder b = {.ctx = ctx, .mesh = mesh, .vis = vis};
         status = build(&b, raster->backend);
@@ -420,6 +430,7 @@ void prt_visibility_destroy(struct prt_visibility *vis)
 {
     if (!vis) return;
     struct prt_gbuffer *g = &vis->g;
+    prt_free(vis->block_object);
     prt_free(vis->row_covered);
     prt_free(vis->row_point);
     prt_free(vis->pixel);

@@ -123,7 +123,7 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t pattern = (uint32_t)(prt_hash64(&i, sizeof i, j->o->seed) >> 8);
         float e[3];
         irradiance_at(j, pattern, origin, j->surface->normal[i], (const float(*)[3])f, 1,
-                      j->material->eta, e);
+                      prt_media_of(&j->media[0], j->surface->object[i])->eta, e);
         float tint = j->surface->tint ? j->surface->tint[i] : 1;
         for (size_t c = 0; c < 3; c++)
             j->irradiance[c * j->surface->n_sample + i] = tint * e[c];
@@ -240,17 +240,20 @@ static void shade_inside(const struct job *j, uint32_t v, const struct walk_ligh
     }
 }
 
-// Material m under every light at one vertex: the term of the options into color[l].
+// Map m under every light at one vertex: the term of the options into color[l].
 static void shade_vertex(struct job *all, unsigned m, uint32_t v, size_t at,
                          struct walk_light *light)
 {
     struct job j = *all;
     float ignored[3];
-    j.material = j.materials[m];
+    const uint32_t object = j.mesh->block[j.vertex_block[v]].object;
+    const uint32_t medium = prt_media_index(&j.media[m], object);
+    j.material = &j.media[m].medium[medium];
     bool inside = translucent(&j, v);
     memset(light, 0, j.n_light * sizeof *light);
-    if (inside && scatters_within(&j) && j.o->n_walk) prt_reference_walk(all, m, v, light);
-    else if (inside && scatters_within(&j)) multiple_at(&j, v, j.dipoles[m], light);
+    if (inside && scatters_within(&j) && j.o->n_walk)
+        prt_reference_walk(all, j.material, v, light);
+    else if (inside && scatters_within(&j)) multiple_at(&j, v, j.dipoles[m][medium], light);
     for (unsigned l = 0; l < j.n_light; l++) {
         float *out = j.color[m * j.n_light + l][at];
         float *error =
@@ -271,7 +274,7 @@ static int vertex_range(void *arg, size_t begin, size_t end, unsigned worker)
     if (!light) return PRT_NOMEM;
     prt_trace_thread_init();
     for (size_t i = begin; i < end; i++)
-        for (unsigned m = 0; m < j->n_material; m++)
+        for (unsigned m = 0; m < j->n_map; m++)
             shade_vertex(j, m, j->o->vertex ? j->o->vertex[i] : (uint32_t)i, i, light);
     prt_free(light);
     return PRT_OK;
@@ -298,8 +301,10 @@ static int build_corners(struct job *j)
 static double finest_path(const struct job *j)
 {
     double finest = INFINITY;
-    for (unsigned m = 0; m < j->n_material; m++)
-        for (int c = 0; c < 3; c++) finest = fmin(finest, 1 / j->dipoles[m][c].sigma_t_prime);
+    for (unsigned m = 0; m < j->n_map; m++)
+        for (uint32_t i = 0; i < j->media[m].n; i++)
+            for (int c = 0; c < 3; c++)
+                finest = fmin(finest, 1 / j->dipoles[m][i][c].sigma_t_prime);
     return finest;
 }
 
@@ -357,22 +362,39 @@ static int prepare_lights(struct job *j, const struct prt_cube *const light[])
     return status;
 }
 
-static int check_materials(struct job *j)
+// Whether map m gives every object the eta of the first map.
+static int check_etas(const struct job *j, unsigned m)
 {
-    j->dipoles = prt_calloc(j->n_material, sizeof *j->dipoles);
+    for (uint32_t o = 0; o < j->mesh->n_object; o++) {
+        const float eta = prt_media_of(&j->media[m], o)->eta;
+        const float first = prt_media_of(&j->media[0], o)->eta;
+        if (eta != first)
+            return prt_fail(j->ctx, PRT_MISMATCH,
+                            "eta is %g and %g: the media that one object has in one call must "
+                            "have the same",
+                            (double)first, (double)eta);
+    }
+    return PRT_OK;
+}
+
+static int check_media(struct job *j)
+{
+    j->dipoles = prt_calloc(j->n_map, sizeof *j->dipoles);
     if (!j->dipoles) return PRT_NOMEM;
-    for (unsigned m = 0; m < j->n_material; m++) {
-        int status = prt_material_check(j->ctx, j->materials[m]);
-        if (status) return status;
-        if (j->materials[m]->eta != j->materials[0]->eta)
-            return prt_fail(j->ctx, PRT_MISMATCH,
-                            "eta is %g and %g: the media of one call must have the same",
-                            (double)j->materials[0]->eta, (double)j->materials[m]->eta);
-        if (j->o->n_walk && j->materials[m]->profile)
-            return prt_fail(j->ctx, PRT_MISMATCH,
-                            "a material with a profile has no random walk: give sigma_s' and "
-                            "sigma_a, or scattering by the dipole");
-        prt_material_dipoles(j->materials[m], j->dipoles[m]);
+    for (unsigned m = 0; m < j->n_map; m++) {
+        const struct prt_media *media = &j->media[m];
+        int status = prt_media_check(j->ctx, media, j->mesh->n_object);
+        if (status || (status = check_etas(j, m))) return status;
+        j->dipoles[m] = prt_calloc(media->n, sizeof *j->dipoles[m]);
+        if (!j->dipoles[m]) return PRT_NOMEM;
+        for (uint32_t i = 0; i < media->n; i++) {
+            if (j->o->n_walk && media->medium[i].profile)
+                return prt_fail(
+                    j->ctx, PRT_MISMATCH,
+                    "a material with a profile has no random walk: give sigma_s' and "
+                    "sigma_a, or scattering by the dipole");
+            prt_material_dipoles(&media->medium[i], j->dipoles[m][i]);
+        }
     }
     return PRT_OK;
 }
@@ -389,26 +411,25 @@ static void report_lost(const struct job *j)
 }
 
 int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                       unsigned n_material, const struct prt_material *const material[],
-                       unsigned n_light, const struct prt_cube *const light[],
+                       unsigned n_map, const struct prt_media media[], unsigned n_light,
+                       const struct prt_cube *const light[],
                        const struct prt_reference_options *options, float (*const color[])[3])
 {
-    if (!n_material || n_material > PRT_REFERENCE_MAX_MANY || !n_light ||
+    if (!n_map || n_map > PRT_REFERENCE_MAX_MANY || !n_light ||
         n_light > PRT_REFERENCE_MAX_MANY)
-        return prt_fail(ctx, PRT_ARG, "%u media under %u lights: 1 to %d of each", n_material,
+        return prt_fail(ctx, PRT_ARG, "%u media under %u lights: 1 to %d of each", n_map,
                         n_light, PRT_REFERENCE_MAX_MANY);
     struct job j = {.ctx = ctx,
                     .mesh = mesh,
-                    .material = material[0],
                     .o = options,
-                    .n_material = n_material,
+                    .n_map = n_map,
                     .n_light = n_light,
-                    .materials = material,
+                    .media = media,
                     .color = color};
     bool any = false;
     for (uint32_t b = 0; b < mesh->n_block; b++)
         any |= mesh->surface[mesh->block[b].surface].translucent && mesh->block[b].n_triangle;
-    int status = check_materials(&j);
+    int status = check_media(&j);
     if (status == PRT_OK && !(j.vertex_block = prt_mesh_vertex_blocks(mesh)))
         status = PRT_NOMEM;
     if (status == PRT_OK) status = build_corners(&j);
@@ -425,6 +446,7 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
     if (status == PRT_OK) report_lost(&j);
     for (unsigned l = 0; j.lights && l < n_light; l++) prt_light_rays_destroy(j.lights[l]);
     prt_free(j.lights);
+    for (unsigned m = 0; j.dipoles && m < n_map; m++) prt_free(j.dipoles[m]);
     prt_free(j.dipoles);
     prt_surface_strata_destroy(j.strata);
     prt_walk_space_destroy(j.space);
@@ -439,8 +461,8 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
 }
 
 int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                         const struct prt_material *material, const struct prt_cube *light,
+                         const struct prt_media *media, const struct prt_cube *light,
                          const struct prt_reference_options *options, float (*color)[3])
 {
-    return prt_reference_many(ctx, mesh, 1, &material, 1, &light, options, &color);
+    return prt_reference_many(ctx, mesh, 1, media, 1, &light, options, &color);
 }

@@ -10,7 +10,7 @@
 #include "reference/lights.h"
 
 struct job {
-    // The material and the light at hand: set in a copy of the job for each vertex.
+    // The medium and the light at hand: set in a copy of the job for each vertex.
     const struct prt_context *ctx;
     const struct prt_mesh *mesh;
     const struct prt_material *material;
@@ -20,12 +20,12 @@ struct job {
     struct light_rays *rays;
     uint32_t *vertex_block;
     uint32_t *corner_begin, *corner; // triangles around each welded vertex
-    unsigned n_material, n_light;
-    const struct prt_material *const *materials; // one eta
-    struct prt_diffusion (*dipoles)[3];          // [n_material]
-    struct light_rays **lights;                  // [n_light] rays that vertices trace
-    float *irradiance;                           // [n_light][3][n_sample]
-    float (*const *color)[3];                    // [n_material * n_light]
+    unsigned n_map, n_light;
+    const struct prt_media *media;       // [n_map]
+    struct prt_diffusion (**dipoles)[3]; // [n_map], each [media[m].n]
+    struct light_rays **lights;          // [n_light] rays that vertices trace
+    float *irradiance;                   // [n_light][3][n_sample]
+    float (*const *color)[3];            // [n_map * n_light]
     // With walks (METHODS §9).
     struct prt_walk_space *space;
     struct prt_surface_strata *strata;
@@ -48,7 +48,8 @@ void prt_reference_face_normal(const struct prt_mesh *mesh, uint32_t t, float ou
 void prt_reference_single(const struct job *j, uint32_t v, float out[3]);
 /* What walks need besides samples and their irradiance. */
 int prt_reference_walk_prepare(struct job *j);
-/* Walks from vertex v in medium m under every light: out[n_light]. */
-void prt_reference_walk(struct job *j, unsigned m, uint32_t v, struct walk_light *out);
+/* Walks from vertex v in `material` under every light: out[n_light]. */
+void prt_reference_walk(struct job *j, const struct prt_material *material, uint32_t v,
+                        struct walk_light *out);
 
 #endif

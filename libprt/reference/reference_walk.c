@@ -41,9 +41,9 @@ int prt_reference_walk_prepare(struct job *j)
     return status;
 }
 
-void prt_reference_walk(struct job *j, unsigned m, uint32_t v, struct walk_light *out)
+void prt_reference_walk(struct job *j, const struct prt_material *material, uint32_t v,
+                        struct walk_light *out)
 {
-    const struct prt_material *material = j->materials[m];
     struct gather g = {.j = j,
                        .multiple = j->o->term != PRT_REFERENCE_UNSCATTERED,
                        .unscattered = j->o->term != PRT_REFERENCE_MULTIPLE};

@@ -21,13 +21,12 @@ struct answer {
     const struct prt_context *ctx;
     const struct prt_transport *transport;
     const struct prt_query *query;
-    const struct prt_material *material;
+    const struct prt_media *media;
     struct prt_light light; // coef NULL for polynomial
     size_t n_vertex;
     unsigned n_plane;
-    unsigned n_phase;  // planes that the tensors fill; the view's correction may need more
-    bool view;         // single scattering is corrected for the view (view_correction.c)
-    float single_gain; // the exit's divisor for a total, else 1
+    unsigned n_phase; // planes that the tensors fill; the view's correction may need more
+    bool view;        // single scattering is corrected for the view (view_correction.c)
     enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
     float *planes;                                        // [n_plane][n_vertex][3]
     unsigned done;                         // bit i: tensor i has been added to the planes
@@ -51,8 +50,18 @@ static bool is_wanted(const struct answer *a, const struct prt_tensor *t)
     return is_term(a->query, t) && (a->part == ALL_TERMS || (a->part == ONLY_SINGLE) == single);
 }
 
-int prt_free_material_check(const struct prt_context *ctx, const struct prt_transport *t,
-                            const struct prt_material *material)
+// Whether an object has a translucent surface, which its medium is behind.
+static bool has_inside(const struct prt_mesh *mesh, uint32_t object)
+{
+    for (uint32_t i = 0; i < mesh->n_block; i++)
+        if (mesh->block[i].object == object &&
+            mesh->surface[mesh->block[i].surface].translucent)
+            return true;
+    return false;
+}
+
+int prt_free_media_check(const struct prt_context *ctx, const struct prt_transport *t,
+                         const struct prt_media *media)
 {
     bool any_free = false;
     for (uint32_t i = 0; i < t->n_tensor; i++) any_free |= is_free(&t->tensor[i]);
@@ -60,13 +69,40 @@ int prt_free_material_check(const struct prt_context *ctx, const struct prt_tran
         return prt_fail(ctx, PRT_MISMATCH,
                         "a wavelet transport's material is fixed when it is baked: omit the "
                         "material, or bake a joint or polynomial transport");
-    int status = prt_material_check(ctx, material);
-    if (status || fabsf(material->eta - t->material.eta) <= 1e-6f) return status;
-    return prt_fail(ctx, PRT_MISMATCH,
-                    "%s: eta is %g, this bake is for %g (relative refractive index, no unit): "
-                    "bake again for another",
-                    material->name[0] ? material->name : "material", (double)material->eta,
-                    (double)t->material.eta);
+    int status = prt_media_check(ctx, media, t->mesh.n_object);
+    for (uint32_t i = 0; i < t->mesh.n_object && !status; i++) {
+        const struct prt_material *m = prt_media_of(media, i),
+                                  *baked = prt_media_of(&t->media, i);
+        if (fabsf(m->eta - baked->eta) <= 1e-6f || !has_inside(&t->mesh, i)) continue;
+        const char *name = t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "";
+        status =
+            prt_fail(ctx, PRT_MISMATCH,
+                     "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
+                     "unit): bake again for another",
+                     m->name[0] ? m->name : "material", (double)m->eta, *name ? " of " : "",
+                     name, (double)baked->eta);
+    }
+    return status;
+}
+
+int prt_cluster_media(const struct prt_transport *transport, const struct prt_tensor *tensor,
+                      const struct prt_media *media, uint8_t **out)
+{
+    *out = NULL;
+    if (media->n == 1) return PRT_OK;
+    const struct prt_mesh *mesh = &transport->mesh;
+    uint32_t *block = prt_mesh_vertex_blocks(mesh);
+    uint8_t *medium = prt_calloc(tensor->n_cluster + 1ull, 1);
+    for (uint32_t c = 0; block && medium && c < tensor->n_cluster; c++) {
+        if (!tensor->cluster[c].n_vertex) continue;
+        const uint32_t first = tensor->order[tensor->cluster[c].vertex_begin];
+        medium[c] = (uint8_t)prt_media_index(media, mesh->block[block[first]].object);
+    }
+    const bool made = block && medium;
+    prt_free(block);
+    if (made) *out = medium;
+    else prt_free(medium);
+    return made ? PRT_OK : PRT_NOMEM;
 }
 
 static int check_query(const struct prt_context *ctx, const struct prt_transport *t,
@@ -75,7 +111,7 @@ static int check_query(const struct prt_context *ctx, const struct prt_transport
     bool any_light = false;
     for (uint32_t i = 0; i < t->n_tensor; i++)
         any_light |= t->tensor[i].storage != PRT_STORAGE_RADIAL;
-    int status = q->material ? prt_free_material_check(ctx, t, q->material) : PRT_OK;
+    int status = q->media.n ? prt_free_media_check(ctx, t, &q->media) : PRT_OK;
     if (status) return status;
     if (q->lit && !prt_contracted_light_is_of(q->lit, t))
         return prt_fail(ctx, PRT_ARG, "the contracted light was made for another transport");
@@ -113,15 +149,23 @@ void prt_phase_plane_factor(const struct prt_material *material,
     }
 }
 
+// The exit's divisor for a total, else 1.
+static float single_gain(const struct answer *a, const struct prt_material *m)
+{
+    return a->query->term == PRT_ANSWER_TOTAL
+               ? (float)prt_exit_divisor((double)m->eta, a->query->exit)
+               : 1;
+}
+
 // The factor of a single-scattering tensor's plane. A tensor whose material is fixed already
 // contains it; a material with a measured R_d has no single scattering of its own.
-static void plane_factor(const struct answer *a, const struct prt_tensor *t, unsigned k,
-                         float factor[3])
+static void plane_factor(const struct answer *a, const struct prt_material *m,
+                         const struct prt_tensor *t, unsigned k, float factor[3])
 {
     for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
-    if (is_free(t)) prt_phase_plane_factor(a->material, t, k, factor);
-    for (int ch = 0; ch < 3 && a->material->profile; ch++) factor[ch] = 0;
-    for (int ch = 0; ch < 3; ch++) factor[ch] *= a->single_gain;
+    if (is_free(t)) prt_phase_plane_factor(m, t, k, factor);
+    for (int ch = 0; ch < 3 && m->profile; ch++) factor[ch] = 0;
+    for (int ch = 0; ch < 3; ch++) factor[ch] *= single_gain(a, m);
 }
 
 struct plane_job {
@@ -140,9 +184,10 @@ static int add_plane(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Adds a plane at translucent vertices only: single scattering is 0 at opaque ones, whatever
-// the file contains.
-static int add_translucent(const struct answer *a, const struct plane_job *whole)
+// Adds plane k of single scattering at translucent vertices only: it is 0 at opaque ones,
+// whatever the file contains.
+static int add_translucent(const struct answer *a, const struct prt_tensor *t, unsigned k,
+                           const struct plane_job *whole)
 {
     const struct prt_mesh *mesh = &a->transport->mesh;
     int status = PRT_OK;
@@ -150,6 +195,7 @@ static int add_translucent(const struct answer *a, const struct plane_job *whole
         const struct prt_block *b = &mesh->block[i];
         struct plane_job job = *whole;
         if (!mesh->surface[b->surface].translucent) continue;
+        plane_factor(a, prt_media_of(a->media, b->object), t, k, job.factor);
         job.in += 3 * (size_t)b->vertex_begin;
         job.out += 3 * (size_t)b->vertex_begin;
         status = prt_parallel_for(a->ctx, NULL, b->n_vertex, VERTEX_GRAIN, add_plane, &job);
@@ -170,9 +216,8 @@ static int add_tensor(const struct answer *a, const struct prt_tensor *t, const 
                                 .out = a->planes + k * size,
                                 .factor = {1, 1, 1},
                                 .constant = single && !k ? Y00 : 1};
-        if (single) plane_factor(a, t, k, job.factor);
         status =
-            single ? add_translucent(a, &job)
+            single ? add_translucent(a, t, k, &job)
                    : prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, add_plane, &job);
     }
     return status;
@@ -184,7 +229,7 @@ static int add_tensor(const struct answer *a, const struct prt_tensor *t, const 
 struct owned_input {
     struct prt_term_input part;
     float *lit, *coef, (*factor)[3];
-    uint8_t *dark;
+    uint8_t *dark, *medium;
 };
 
 static void owned_input_finish(struct owned_input *o)
@@ -193,6 +238,7 @@ static void owned_input_finish(struct owned_input *o)
     prt_free(o->coef);
     prt_free(o->factor);
     prt_free(o->dark);
+    prt_free(o->medium);
 }
 
 // *out marks the opaque clusters, for which single scattering is 0; NULL when there is none.
@@ -226,9 +272,9 @@ static int find_opaque_clusters(const struct answer *a, const struct prt_tensor 
 
 static int find_coef(const struct answer *a, const struct prt_tensor *t, float **out)
 {
-    *out = prt_alloc(3 * (size_t)t->n_radial + 1, sizeof **out);
+    *out = prt_alloc(3 * (size_t)t->n_radial * a->media->n + 1, sizeof **out);
     if (!*out) return PRT_NOMEM;
-    return prt_basis_coef(a->ctx, a->transport, t, a->material, *out);
+    return prt_basis_coef(a->ctx, a->transport, t, a->media, *out);
 }
 
 // Queries that differ only in their lights and are answered in one pass.
@@ -253,13 +299,14 @@ static int contract_group(const struct group *g, const struct prt_tensor *t, flo
                 : PRT_NOMEM;
 }
 
-// The factor of every plane; add_tensor says why plane 0 has Y_00.
+// The factor of every plane of each medium; add_tensor says why plane 0 has Y_00.
 static int find_factors(const struct answer *a, const struct prt_tensor *t, float (**out)[3])
 {
-    *out = prt_alloc(t->n_phase, sizeof **out);
-    for (unsigned k = 0; *out && k < t->n_phase; k++) {
-        plane_factor(a, t, k, (*out)[k]);
-        for (int ch = 0; ch < 3 && !k; ch++) (*out)[k][ch] *= Y00;
+    *out = prt_alloc((size_t)t->n_phase * a->media->n, sizeof **out);
+    for (unsigned i = 0; *out && i < t->n_phase * a->media->n; i++) {
+        const unsigned k = i % t->n_phase;
+        plane_factor(a, &a->media->medium[i / t->n_phase], t, k, (*out)[i]);
+        for (int ch = 0; ch < 3 && !k; ch++) (*out)[i][ch] *= Y00;
     }
     return *out ? PRT_OK : PRT_NOMEM;
 }
@@ -280,12 +327,14 @@ static int make_input(const struct group *g, const struct prt_tensor *t, struct 
         if (!status && !mixed) status = find_factors(a, t, &o->factor);
     }
     *fits = !status && !mixed;
-    if (*fits && is_free(t)) status = find_coef(a, t, &o->coef);
+    if (*fits) status = prt_cluster_media(a->transport, t, a->media, &o->medium);
+    if (*fits && !status && is_free(t)) status = find_coef(a, t, &o->coef);
     if (*fits && !status && t->storage == PRT_STORAGE_FACTORED)
         status = contract_group(g, t, &o->lit, &o->part.lit);
     o->part.coef = o->coef;
     o->part.factor = (const float(*)[3])o->factor;
     o->part.dark = o->dark;
+    o->part.medium = o->medium;
     return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory to apply a material")
                                : status;
 }
@@ -351,6 +400,12 @@ static int add_free(const struct answer *a, const struct prt_tensor *t)
 {
     float *own = prt_calloc(3 * a->n_vertex * t->n_phase, sizeof *own), *coef = NULL;
     const struct prt_light *light = &a->light;
+    if (a->media->n > 1) {
+        prt_free(own);
+        return prt_fail(a->ctx, PRT_MISMATCH,
+                        "the file has clusters of opaque and translucent vertices together: it "
+                        "takes one medium for all objects");
+    }
     int status = own ? find_coef(a, t, &coef) : PRT_NOMEM;
     if (status == PRT_NOMEM) prt_fail(a->ctx, status, "no memory for %u planes", t->n_phase);
     if (!status && a->query->lit)
@@ -362,9 +417,12 @@ static int add_free(const struct answer *a, const struct prt_tensor *t)
     return status;
 }
 
-static double exit_divisor(const struct answer *a)
+// Whether some medium scatters singly.
+static bool any_single(const struct prt_media *media)
 {
-    return prt_exit_divisor((double)a->transport->material.eta, a->query->exit);
+    bool any = false;
+    for (uint32_t i = 0; i < media->n; i++) any |= !media->medium[i].profile;
+    return any;
 }
 
 // toward: the view is known, or the planes are shaded for one later.
@@ -375,12 +433,11 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
     *a = (struct answer){.ctx = ctx,
                          .transport = transport,
                          .query = query,
-                         .material = query->material ? query->material : &transport->material,
+                         .media = query->media.n ? &query->media : &transport->media,
                          .n_vertex = transport->mesh.n_vertex,
                          .n_phase = plane_count(transport, query)};
     a->n_plane = a->n_phase;
-    a->single_gain = query->term == PRT_ANSWER_TOTAL ? (float)exit_divisor(a) : 1;
-    for (uint32_t i = 0; i < transport->n_tensor && toward && !a->material->profile; i++)
+    for (uint32_t i = 0; i < transport->n_tensor && toward && any_single(a->media); i++)
         a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
                    is_term(query, &transport->tensor[i]);
     if (a->view && a->n_plane < 4) a->n_plane = 4;
@@ -486,11 +543,29 @@ static int add_scratch(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+// Each run of blocks with one eta.
+static int correct_view(const struct answer *a)
+{
+    const struct prt_mesh *mesh = &a->transport->mesh;
+    int status = PRT_OK;
+    for (uint32_t i = 0, next; i < mesh->n_block && !status; i = next) {
+        const struct prt_block *b = &mesh->block[i], *last = b;
+        const float eta = prt_media_of(a->media, b->object)->eta;
+        for (next = i + 1; next < mesh->n_block; next++) {
+            if (prt_media_of(a->media, mesh->block[next].object)->eta != eta) break;
+            last = &mesh->block[next];
+        }
+        status = prt_view_correct(
+            a->ctx, mesh->n_vertex, b->vertex_begin, last->vertex_begin + last->n_vertex,
+            (const float(*)[3])mesh->normal, (double)eta, a->n_phase, a->n_plane, a->planes);
+    }
+    return status;
+}
+
 // Answers whose single scattering is corrected for the view: it is computed alone, corrected,
 // and the other terms are added to plane 0.
 static int fill_corrected(struct answer *a, unsigned n)
 {
-    const struct prt_mesh *mesh = &a[0].transport->mesh;
     struct answer part[PRT_RELIGHT_MAX_LIGHTS];
     const size_t size = 3 * a[0].n_vertex;
     unsigned m = 0;
@@ -500,10 +575,7 @@ static int fill_corrected(struct answer *a, unsigned n)
         part[i].n_plane = a[i].n_phase;
     }
     int status = fill_many(part, n);
-    for (unsigned i = 0; i < n && !status; i++)
-        status = prt_view_correct(a[i].ctx, mesh->n_vertex, (const float(*)[3])mesh->normal,
-                                  (double)a[i].transport->material.eta, a[i].n_phase,
-                                  a[i].n_plane, a[i].planes);
+    for (unsigned i = 0; i < n && !status; i++) status = correct_view(&a[i]);
     for (unsigned i = 0; i < n; i++) m += a[i].query->term == PRT_ANSWER_TOTAL;
     if (status || !m) return status;
     float *scratch = prt_alloc(m * size, sizeof *scratch);
@@ -555,8 +627,10 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 struct shade_job {
     const struct answer *a;
     float (*color)[3];
-    double divisor; // of the exit
-    double mean;    // outgoing transmittance without an eye over the divisor
+    // of each medium: the divisor of the exit, and outgoing transmittance without an eye over
+    // it
+    double divisor[PRT_MEDIA_MAX];
+    float mean[PRT_MEDIA_MAX];
 };
 
 // w_o': the view direction refracted into the medium (Snell). Returns the cosine of w.
@@ -578,12 +652,12 @@ static void view_of(const struct answer *a, size_t v, float w[3])
         w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
 }
 
-static void shade_vertex(const struct shade_job *job, size_t v, float out[3])
+static void shade_vertex(const struct shade_job *job, size_t v, uint32_t medium, float out[3])
 {
     const struct answer *a = job->a;
+    const double eta = (double)a->media->medium[medium].eta;
     const size_t size = 3 * a->n_vertex;
     const float *plane = a->planes + 3 * v;
-    const double eta = (double)a->transport->material.eta;
     // adds the planes that depend on the view
     float w[3], inside[3], y[MOST_PHASES], rgb[3] = {plane[0], plane[1], plane[2]};
     unsigned n_band = a->n_plane > 9 ? 4 : a->n_plane > 4 ? 3 : a->n_plane > 1 ? 2 : 1;
@@ -593,7 +667,7 @@ static void shade_vertex(const struct shade_job *job, size_t v, float out[3])
     for (unsigned k = 1; k < a->n_plane; k++)
         for (int ch = 0; ch < 3; ch++) rgb[ch] += y[k] * plane[k * size + (size_t)ch];
     double transmittance =
-        cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) / job->divisor : 0;
+        cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) / job->divisor[medium] : 0;
     if (a->query->term != PRT_ANSWER_TOTAL && cosine > 0) transmittance = 1;
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
@@ -601,17 +675,19 @@ static void shade_vertex(const struct shade_job *job, size_t v, float out[3])
 // Shades the vertices of one block. Without an eye only plane 0 (l = 0) is used. The colours
 // may overwrite plane 0.
 static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
-                        bool translucent)
+                        uint32_t object, bool translucent)
 {
     const struct answer *a = job->a;
     const bool total = a->query->term == PRT_ANSWER_TOTAL;
     const float *plane = a->planes;
     float *color = job->color[0];
     if (a->query->eye && translucent && a->query->term != PRT_ANSWER_MULTIPLE) {
-        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, job->color[v]);
+        const uint32_t medium = prt_media_index(a->media, object);
+        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, medium, job->color[v]);
         return;
     }
-    const float transmittance = translucent && total ? (float)job->mean : 1;
+    const float transmittance =
+        translucent && total ? job->mean[prt_media_index(a->media, object)] : 1;
     for (size_t i = 3 * begin_v; i < 3 * end; i++) {
         const float x = plane[i] * transmittance;
         color[i] = x > 0 ? x : 0;
@@ -628,7 +704,7 @@ static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
         const size_t from = b->vertex_begin > begin_v ? b->vertex_begin : begin_v;
         const size_t stop = b->vertex_begin + (size_t)b->n_vertex;
         if (from < end && from < stop)
-            shade_block(job, from, stop < end ? stop : end,
+            shade_block(job, from, stop < end ? stop : end, b->object,
                         mesh->surface[b->surface].translucent);
     }
     return PRT_OK;
@@ -636,9 +712,12 @@ static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
 
 static int shade_colors(const struct answer *a, float (*color)[3])
 {
-    double divisor = exit_divisor(a);
-    double mean = prt_fresnel_mean_transmittance((double)a->transport->material.eta);
-    struct shade_job job = {a, color, divisor, mean / divisor};
+    struct shade_job job = {.a = a, .color = color};
+    for (uint32_t i = 0; i < a->media->n; i++) {
+        const double eta = (double)a->media->medium[i].eta;
+        job.divisor[i] = prt_exit_divisor(eta, a->query->exit);
+        job.mean[i] = (float)(prt_fresnel_mean_transmittance(eta) / job.divisor[i]);
+    }
     return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
 }
 
@@ -698,10 +777,15 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
 
 // ---- coefficients
 
-// A medium scatters evenly unless some g is not 0: its planes from 1 on are 0.
-static bool is_even(const struct prt_material *m)
+// Media scatter evenly unless some g is not 0: their planes from 1 on are 0.
+static bool all_even(const struct prt_media *media)
 {
-    return !m->profile && m->g[0] == 0 && m->g[1] == 0 && m->g[2] == 0;
+    bool even = true;
+    for (uint32_t i = 0; i < media->n; i++) {
+        const struct prt_material *m = &media->medium[i];
+        even &= !m->profile && m->g[0] == 0 && m->g[1] == 0 && m->g[2] == 0;
+    }
+    return even;
 }
 
 int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transport *transport,
@@ -716,8 +800,8 @@ int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transp
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
         const struct prt_tensor *t = &transport->tensor[i];
         const bool single = t->term == PRT_TERM_SINGLE;
-        if (!is_wanted(&a, t) || (single && a.material->profile)) continue;
-        const unsigned planes = single && c->phases && !is_even(a.material) ? t->n_phase : 1;
+        if (!is_wanted(&a, t) || (single && !any_single(a.media))) continue;
+        const unsigned planes = single && c->phases && !all_even(a.media) ? t->n_phase : 1;
         status = prt_coefficients_add_layer(ctx, transport, i, planes, c);
     }
     return status;
@@ -741,16 +825,15 @@ int prt_answer_coefficients(const struct prt_context *ctx,
     return status ? status : fill_many(a, n);
 }
 
-void prt_outgoing_of(const struct prt_transport *transport, const struct prt_material *material,
-                     enum prt_answer_term term, enum prt_exit exit, struct prt_outgoing *out)
+void prt_outgoing_of(const struct prt_material *material, enum prt_answer_term term,
+                     enum prt_exit exit, struct prt_outgoing *out)
 {
-    const double eta = (double)transport->material.eta;
+    const double eta = (double)material->eta;
     const bool total = term == PRT_ANSWER_TOTAL;
     const double divisor = total ? prt_exit_divisor(eta, exit) : 1;
     const double mean = total ? prt_fresnel_mean_transmittance(eta) : 1;
-    *out = (struct prt_outgoing){.eta = transport->material.eta,
-                                 .roughness =
-                                     (material ? material : &transport->material)->roughness,
+    *out = (struct prt_outgoing){.eta = material->eta,
+                                 .roughness = material->roughness,
                                  .mean = (float)(mean / divisor),
                                  .divisor = (float)divisor,
                                  .view_slope = prt_view_slope(eta)};

@@ -6,27 +6,30 @@
 
 #include "prt/relight.h"
 
-// PRT_MISMATCH unless the transport's material is free and has the same eta; PRT_ARG for a
-// material that is none.
-int prt_free_material_check(const struct prt_context *ctx,
-                            const struct prt_transport *transport,
-                            const struct prt_material *material);
-// coef[n_radial][3]: a material in the radial basis of a tensor (FULL, RADIAL), the
+// PRT_MISMATCH unless the transport's media are free and each object's has the eta of its bake;
+// PRT_ARG for media that are none.
+int prt_free_media_check(const struct prt_context *ctx, const struct prt_transport *transport,
+                         const struct prt_media *media);
+// coef[medium][n_radial][3]: media in the radial basis of a tensor (FULL, RADIAL), the
 // coefficients of R_d for multiple scattering and of e^(-sigma_t r) for single scattering
 // (METHODS section 4). Logs a warning above 2 % error; PRT_ARG above prt/relight.h's limits.
 // The basis comes from a cache of the process, see basis_cache.c. Thread-safe.
 int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *transport,
-                   const struct prt_tensor *tensor, const struct prt_material *material,
-                   float *coef);
+                   const struct prt_tensor *tensor, const struct prt_media *media, float *coef);
+// The number of each cluster's medium; *out is NULL for one medium. PRT_NOMEM.
+int prt_cluster_media(const struct prt_transport *transport, const struct prt_tensor *tensor,
+                      const struct prt_media *media, uint8_t **out);
 
 // The factor of plane k of a single-scattering tensor whose material is free: the phase
 // function's a_l times sigma_s, channel by channel. Y_k comes in when the view is known.
 void prt_phase_plane_factor(const struct prt_material *material,
                             const struct prt_tensor *tensor, unsigned k, float factor[3]);
-// prt_rows_fold with separate coefficients for every plane, [n_phase][n_radial][3]. The
-// smallest entries, which together hold error^2 of the energy of all colours, are dropped.
+// prt_rows_fold with separate coefficients for every medium and plane,
+// [medium][n_phase][n_radial][3]; medium: [n_cluster], NULL: 0. The smallest entries, which
+// together hold error^2 of the energy of all colours, are dropped.
 int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                         const float *coef, double error, struct prt_rows *out);
+                         const float *coef, const uint8_t *medium, double error,
+                         struct prt_rows *out);
 
 // prt_relight of one tensor of lit's transport under lit's light. coef is NULL unless the
 // tensor is FULL or RADIAL.
@@ -52,9 +55,8 @@ struct prt_kernels;
 // with planes = n_plane or the tensor's n_phase, whichever is less: in `to`, which has room for
 // the tensor's n_phase planes, or in place where they need no change. part->lit is as above.
 const float *prt_fold_cluster(const struct prt_kernels *kernels,
-                              const struct prt_term_input *part,
-                              const struct prt_cluster *cluster, unsigned n_light,
-                              unsigned n_plane, float *to);
+                              const struct prt_term_input *part, uint32_t cluster,
+                              uint32_t rank, unsigned n_light, unsigned n_plane, float *to);
 
 // Appends the layer of a tensor to c, whose most_rank is set. PRT_MISMATCH: the tensor is not
 // FACTORED.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Coefficients of a material in the radial basis of a tensor.
+// Coefficients of media in the radial basis of a tensor.
 //
 // Making a basis from its table takes far longer than fitting a material to it, so the last
 // N_KEPT bases are cached. The cache belongs to the process: its key is a hash of the
@@ -15,7 +15,7 @@
 
 #include "prt/radial.h"
 
-enum { N_KEPT = 8 };
+enum { N_KEPT = 8, N_FIT = 64, MOST_FUNCTIONS = 64 };
 
 struct kept {
     uint64_t key, last_use;
@@ -23,7 +23,16 @@ struct kept {
     struct prt_radial *radial;
 };
 
+// Coefficients of the last fits: an edit of one object's medium leaves the others' as they are.
+struct fitted {
+    uint64_t basis, material, last_use; // material: prt_material_hash; last_use 0: empty
+    uint32_t n;
+    double error;
+    float coef[3 * MOST_FUNCTIONS];
+};
+
 static struct kept kept[N_KEPT];
+static struct fitted fitted[N_FIT];
 static uint64_t clock_now;
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
@@ -31,18 +40,23 @@ static struct prt_radial_options options_of(const struct prt_transport *transpor
                                             const struct prt_tensor *tensor)
 {
     bool single = tensor->term == PRT_TERM_SINGLE;
-    return (struct prt_radial_options){.kind = (enum prt_radial_kind)tensor->basis_kind,
-                                       .family =
-                                           single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
-                                       .eta = (double)transport->material.eta,
-                                       .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
+    double eta[PRT_MEDIA_MAX];
+    uint32_t n = prt_media_etas(&transport->media, eta); // bakes have at most the basis' number
+    struct prt_radial_options o = {.kind = (enum prt_radial_kind)tensor->basis_kind,
+                                   .family = single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
+                                   .eta = eta[0],
+                                   .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
+    o.n_eta_more = n - 1 < PRT_RADIAL_MORE_ETA ? n - 1 : PRT_RADIAL_MORE_ETA;
+    memcpy(o.eta_more, eta + 1, o.n_eta_more * sizeof *eta);
+    return o;
 }
 
 static uint64_t key_of(const struct prt_radial_options *o, const struct prt_tensor *t)
 {
     uint64_t key = prt_hash64(t->knot, 4ull * t->n_knot, (uint64_t)o->kind);
     key = prt_hash64(t->basis, 4ull * t->n_knot * t->n_radial, key);
-    return prt_hash64(&o->eta, sizeof o->eta, key + (uint64_t)o->family);
+    key = prt_hash64(&o->eta, sizeof o->eta, key + (uint64_t)o->family);
+    return o->n_eta_more ? prt_hash64(o->eta_more, o->n_eta_more * sizeof o->eta, key) : key;
 }
 
 // The least recently used slot without users; NULL when all are in use. The lock is held.
@@ -155,41 +169,100 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
         name, 100 * error, 100 * most_error(radial));
 }
 
-static int fit(const struct prt_context *ctx, const struct prt_transport *transport,
-               const struct prt_tensor *tensor, const struct prt_material *material,
-               float *coef, double *error)
+// The fit of a material that is kept, into coef and *error; false where there is none.
+static bool recall(uint64_t basis, uint64_t material, uint32_t n, float *coef, double *error)
 {
-    struct prt_radial *radial;
+    bool found = false;
+    pthread_mutex_lock(&lock);
+    for (int i = 0; i < N_FIT && !found; i++) {
+        struct fitted *f = &fitted[i];
+        if (!f->last_use || f->basis != basis || f->material != material || f->n != n) continue;
+        memcpy(coef, f->coef, 3 * n * sizeof *coef);
+        *error = f->error;
+        f->last_use = ++clock_now;
+        found = true;
+    }
+    pthread_mutex_unlock(&lock);
+    return found;
+}
+
+static void remember(uint64_t basis, uint64_t material, uint32_t n, const float *coef,
+                     double error)
+{
+    struct fitted *oldest = &fitted[0];
+    if (n > MOST_FUNCTIONS) return;
+    pthread_mutex_lock(&lock);
+    for (int i = 1; i < N_FIT; i++)
+        if (fitted[i].last_use < oldest->last_use) oldest = &fitted[i];
+    *oldest = (struct fitted){basis, material, ++clock_now, n, error, {0}};
+    memcpy(oldest->coef, coef, 3 * n * sizeof *coef);
+    pthread_mutex_unlock(&lock);
+}
+
+// A fit of one material, and the basis once one is needed.
+struct fitting {
+    const struct prt_context *ctx;
+    const struct prt_transport *transport;
+    const struct prt_tensor *tensor;
+    uint64_t key;
     struct kept *slot;
+    struct prt_radial *radial;
+};
+
+static int fit_one(struct fitting *f, const struct prt_material *m, float *coef, double *error)
+{
+    const uint64_t material = prt_material_hash(m);
+    if (recall(f->key, material, f->tensor->n_radial, coef, error)) return PRT_OK;
+    int status =
+        f->radial ? PRT_OK : acquire(f->ctx, f->transport, f->tensor, &f->slot, &f->radial);
+    if (status) return status;
+    status = prt_radial_fit_material(f->radial, m, coef, error);
+    if (status)
+        return prt_fail(f->ctx, status,
+                        "the material cannot be fitted to the transport's radial basis");
+    if (!(*error <= most_error(f->radial))) return refuse(f->ctx, f->radial, m, *error);
+    remember(f->key, material, f->tensor->n_radial, coef, *error);
+    return PRT_OK;
+}
+
+// coef [medium][n_radial][3]; error [medium]: shares that the basis loses.
+static int fit(const struct prt_context *ctx, const struct prt_transport *transport,
+               const struct prt_tensor *tensor, const struct prt_media *media, float *coef,
+               double *error)
+{
+    struct fitting f = {.ctx = ctx, .transport = transport, .tensor = tensor};
+    const size_t n = 3 * (size_t)tensor->n_radial;
+    int status = PRT_OK;
+    memset(error, 0, media->n * sizeof *error);
     if (tensor->storage == PRT_STORAGE_RADIAL &&
         !tensor->n_knot) { // colours that no material changes
-        for (uint32_t i = 0; i < 3 * tensor->n_radial; i++) coef[i] = 1;
-        *error = 0;
+        for (size_t i = 0; i < n * media->n; i++) coef[i] = 1;
         return PRT_OK;
     }
     if (!tensor->n_knot || !tensor->knot || !tensor->basis)
         return prt_fail(ctx, PRT_FORMAT,
                         "the file has no radial basis for its free material: bake it again");
-    int status = acquire(ctx, transport, tensor, &slot, &radial);
-    if (status) return status;
-    status = prt_radial_fit_material(radial, material, coef, error);
-    if (status)
-        status = prt_fail(ctx, status,
-                          "the material cannot be fitted to the transport's radial basis");
-    else if (!(*error <= most_error(radial))) status = refuse(ctx, radial, material, *error);
-    release(slot, radial);
+    const struct prt_radial_options options = options_of(transport, tensor);
+    f.key = key_of(&options, tensor);
+    for (uint32_t i = 0; i < media->n && !status; i++) {
+        const struct prt_material *m = &media->medium[i];
+        if (tensor->term == PRT_TERM_SINGLE && m->profile) // it has no single scattering
+            memset(coef + i * n, 0, n * sizeof *coef);
+        else status = fit_one(&f, m, coef + i * n, &error[i]);
+    }
+    if (f.radial) release(f.slot, f.radial);
     return status;
 }
 
 int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *transport,
-                   const struct prt_tensor *tensor, const struct prt_material *material,
-                   float *coef)
+                   const struct prt_tensor *tensor, const struct prt_media *media, float *coef)
 {
-    double error = 0;
-    int status = fit(ctx, transport, tensor, material, coef, &error);
-    if (!status && error > 0.02)
+    double error[PRT_MEDIA_MAX], worst = 0;
+    int status = fit(ctx, transport, tensor, media, coef, error);
+    for (uint32_t i = 0; i < media->n; i++) worst = fmax(worst, error[i]);
+    if (!status && worst > 0.02)
         prt_log(ctx, PRT_LOG_WARNING, "the transport's %s basis loses %.1f %% of this material",
-                tensor->term == PRT_TERM_SINGLE ? "extinction" : "reflectance", 100 * error);
+                tensor->term == PRT_TERM_SINGLE ? "extinction" : "reflectance", 100 * worst);
     return status;
 }
 
@@ -207,23 +280,39 @@ static double spacing_error(const struct prt_transport *transport, const struct 
     return most > 1 ? 0.04 * (most - 1) : 0;
 }
 
-int prt_answer_material_error(const struct prt_context *ctx,
-                              const struct prt_transport *transport,
-                              const struct prt_material *material, enum prt_answer_term term,
-                              double *error)
+// The error of one term, of the worst medium: its basis' and that of the sample spacing.
+static int media_error(const struct prt_context *ctx, const struct prt_transport *transport,
+                       const struct prt_media *media, enum prt_answer_term term, float *coef,
+                       double *error)
 {
-    float coef[3 * 256];
-    int status = prt_free_material_check(ctx, transport, material);
-    *error = 0;
+    double basis[PRT_MEDIA_MAX] = {0}, one[PRT_MEDIA_MAX];
+    int status = PRT_OK;
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
         const struct prt_tensor *t = &transport->tensor[i];
-        double one = 0;
         bool single = t->term == PRT_TERM_SINGLE;
-        if (!t->n_knot || t->n_radial > 256 || (single && material->profile)) continue;
+        if (!t->n_knot || t->n_radial > 256) continue;
         if (term != PRT_ANSWER_TOTAL && single != (term == PRT_ANSWER_SINGLE)) continue;
-        status = fit(ctx, transport, t, material, coef, &one);
-        if (one > *error) *error = one;
+        status = fit(ctx, transport, t, media, coef, one);
+        for (uint32_t k = 0; k < media->n && !status; k++) basis[k] = fmax(basis[k], one[k]);
     }
-    if (!status && term != PRT_ANSWER_SINGLE) *error += spacing_error(transport, material);
+    for (uint32_t k = 0; k < media->n; k++) {
+        if (!status && term != PRT_ANSWER_SINGLE)
+            basis[k] += spacing_error(transport, &media->medium[k]);
+        *error = fmax(*error, basis[k]);
+    }
+    return status;
+}
+
+int prt_answer_material_error(const struct prt_context *ctx,
+                              const struct prt_transport *transport,
+                              const struct prt_media *media, enum prt_answer_term term,
+                              double *error)
+{
+    *error = 0;
+    int status = prt_free_media_check(ctx, transport, media);
+    float *coef = status ? NULL : prt_alloc(3 * 256 * (size_t)media->n, sizeof *coef);
+    if (!status && !coef) status = prt_fail(ctx, PRT_NOMEM, "no memory to apply a material");
+    if (!status) status = media_error(ctx, transport, media, term, coef, error);
+    prt_free(coef);
     return status;
 }

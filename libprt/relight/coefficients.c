@@ -59,8 +59,8 @@ static int gather_clusters(void *arg, size_t begin, size_t end, unsigned worker)
         const uint32_t n = c.rank = rows_of(&c, g->most_rank); // others were not computed
         const bool dark = g->part->dark && g->part->dark[i];
         const float *in = dark || !n ? NULL
-                                     : prt_fold_cluster(g->kernels, g->part, &c, g->n_light,
-                                                        g->n_plane, scratch);
+                                     : prt_fold_cluster(g->kernels, g->part, (uint32_t)i, n,
+                                                        g->n_light, g->n_plane, scratch);
         for (unsigned l = 0; l < g->n_light; l++)
             for (uint32_t r = 0; r < n; r++) {
                 float *to = g->rows + (l * g->n_row + g->begin[i] + r) * width;

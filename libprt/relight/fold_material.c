@@ -12,6 +12,8 @@ struct fold_job {
     const float *coef;
     size_t
         pitch; // floats from one plane's coefficients to the next one's; 0: all have the same
+    const uint8_t *medium; // [n_row] of each row, or NULL: 0
+    size_t medium_pitch;   // floats from one medium's coefficients to the next one's
     uint16_t *entry, *scaling;
 };
 
@@ -69,13 +71,15 @@ static void fold_low_rank(const struct fold_job *job, uint32_t row, float *value
 
 static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    const struct fold_job *job = arg;
+    const struct fold_job *all = arg;
+    struct fold_job own = *all, *job = &own;
     const struct prt_rows *rows = &job->tensor->rows;
     const uint32_t n = rows->n_function, width = 3 * job->tensor->n_phase;
     float *value = prt_alloc((size_t)n + width, sizeof *value);
     float *folded = prt_alloc((size_t)PRT_ROWS_MOST_DIRECTIONS * width, sizeof *folded);
     int status = value && folded ? PRT_OK : PRT_NOMEM;
     for (size_t row = begin; row < end && !status; row++) {
+        own.coef = all->coef + (all->medium ? all->medium[row] * all->medium_pitch : 0);
         if (rows->direction) fold_low_rank(job, (uint32_t)row, value, folded);
         for (uint64_t e = rows->begin[row]; !rows->direction && e < rows->begin[row + 1]; e++)
             fold_halves(job, (const uint16_t *)rows->entry + e * n, value,
@@ -89,7 +93,8 @@ static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 static int fold_all(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                    const float *coef, size_t pitch, struct prt_rows *out)
+                    const float *coef, size_t pitch, const uint8_t *medium,
+                    struct prt_rows *out)
 {
     const struct prt_rows *rows = &tensor->rows;
     if (tensor->coupling != PRT_COUPLE_FULL || tensor->storage != PRT_STORAGE_FACTORED)
@@ -99,7 +104,12 @@ static int fold_all(const struct prt_context *ctx, const struct prt_tensor *tens
     uint64_t n_entry = rows->begin[rows->n_row], width = 3ull * tensor->n_phase;
     uint64_t *begin = prt_alloc(rows->n_row + 1ull, 8);
     char *index = prt_alloc(n_entry + 1, rows->index_bytes);
-    struct fold_job job = {tensor, coef, pitch, prt_alloc(n_entry * width + 1, 2),
+    struct fold_job job = {tensor,
+                           coef,
+                           pitch,
+                           medium,
+                           3 * (size_t)tensor->n_radial * tensor->n_phase,
+                           prt_alloc(n_entry * width + 1, 2),
                            prt_alloc(6 * width * rows->n_row, 2)};
     *out = (struct prt_rows){.n_row = rows->n_row,
                              .n_function = (uint32_t)width,
@@ -124,7 +134,7 @@ static int fold_all(const struct prt_context *ctx, const struct prt_tensor *tens
 int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
                   const float *coef, struct prt_rows *out)
 {
-    return fold_all(ctx, tensor, coef, 0, out);
+    return fold_all(ctx, tensor, coef, 0, NULL, out);
 }
 
 // ---- dropping small entries
@@ -293,10 +303,23 @@ static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, 
     return status;
 }
 
-int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                         const float *coef, double error, struct prt_rows *out)
+// The number of each row's medium.
+static uint8_t *row_media(const struct prt_tensor *t, const uint8_t *medium)
 {
-    int status = fold_all(ctx, tensor, coef, 3 * (size_t)tensor->n_radial, out);
+    uint8_t *of_row = prt_calloc(t->rows.n_row + 1ull, 1);
+    for (uint32_t c = 0; of_row && c < t->n_cluster; c++)
+        memset(of_row + t->cluster[c].row_begin, medium[c], t->cluster[c].rank);
+    return of_row;
+}
+
+int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                         const float *coef, const uint8_t *medium, double error,
+                         struct prt_rows *out)
+{
+    uint8_t *of_row = medium ? row_media(tensor, medium) : NULL;
+    if (medium && !of_row) return prt_fail(ctx, PRT_NOMEM, "no memory to fold a material");
+    int status = fold_all(ctx, tensor, coef, 3 * (size_t)tensor->n_radial, of_row, out);
+    prt_free(of_row);
     if (status || !(status = thin(ctx, tensor, error, out))) return status;
     prt_rows_finish(out);
     return prt_fail(ctx, status, "no memory to fold a material");

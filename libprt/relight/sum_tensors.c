@@ -30,32 +30,39 @@ static unsigned planes_of(const struct prt_term_input *p, unsigned n_plane)
 }
 
 const float *prt_fold_cluster(const struct prt_kernels *kernels, const struct prt_term_input *p,
-                              const struct prt_cluster *c, unsigned n_light, unsigned n_plane,
-                              float *to)
+                              uint32_t cluster, uint32_t rank, unsigned n_light,
+                              unsigned n_plane, float *to)
 {
     const struct prt_tensor *t = p->tensor;
+    const struct prt_cluster *c = &t->cluster[cluster];
+    const size_t medium = p->medium ? p->medium[cluster] : 0;
+    const float(*factor)[3] = p->factor ? p->factor + medium * t->n_phase : NULL;
     const bool full = t->coupling == PRT_COUPLE_FULL;
     const unsigned planes = planes_of(p, n_plane);
     const float *in = p->lit + (size_t)c->row_begin * n_light * t->n_function * (full ? 3 : 1);
-    if (full) kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
-    else if (!p->factor && planes == t->n_phase) return in;
+    if (full)
+        kernels->material(in, (size_t)rank * t->n_phase, t->n_radial,
+                          p->coef + medium * 3 * t->n_radial, to);
+    else if (!factor && planes == t->n_phase) return in;
     if (full) in = to;
     // `to` may be `in`: no value moves to a higher address
-    const size_t n = (size_t)c->rank * n_light;
+    const size_t n = (size_t)rank * n_light;
     for (size_t i = 0; i < n; i++)
         for (unsigned k = 0; k < planes; k++)
             for (int ch = 0; ch < 3; ch++)
                 to[3 * (i * planes + k) + (size_t)ch] =
-                    in[3 * (i * t->n_phase + k) + (size_t)ch] *
-                    (p->factor ? p->factor[k][ch] : 1);
+                    in[3 * (i * t->n_phase + k) + (size_t)ch] * (factor ? factor[k][ch] : 1);
     return to;
 }
 
 // Plane by plane, because each plane's factor goes into the coefficients.
 static void sum_radial(const struct sum_run *run, const struct prt_term_input *p,
-                       struct expand_job *job, float *coef)
+                       uint32_t cluster, struct expand_job *job, float *coef)
 {
     const struct prt_tensor *t = p->tensor;
+    const size_t medium = p->medium ? p->medium[cluster] : 0;
+    const float *own = p->coef + medium * 3 * t->n_radial;
+    const float(*factor)[3] = p->factor ? p->factor + medium * t->n_phase : NULL;
     const size_t n = 3 * (size_t)t->n_radial;
     const uint16_t *u = job->u;
     const uint32_t planes = planes_of(p, run->n_plane);
@@ -64,8 +71,7 @@ static void sum_radial(const struct sum_run *run, const struct prt_term_input *p
     job->b_stride = 3;
     job->n_triple = 1;
     for (uint32_t k = 0; k < planes; k++) {
-        for (size_t i = 0; i < n; i++)
-            coef[i] = p->coef[i] * (p->factor ? p->factor[k][i % 3] : 1);
+        for (size_t i = 0; i < n; i++) coef[i] = own[i] * (factor ? factor[k][i % 3] : 1);
         job->u = u + k * n * job->stride;
         job->color = run->color + k;
         run->kernels->radial(job);
@@ -93,13 +99,14 @@ static void sum_piece(const struct sum_run *run, const struct expand_piece *piec
                              .add = add};
     if (!job.rank && add) return;
     if (is_radial(p)) {
-        sum_radial(run, p, &job, scratch);
+        sum_radial(run, p, piece->cluster, &job, scratch);
         return;
     }
     for (unsigned i = 0; i < job.n_triple; i++)
         color[i] = run->color[i / planes * run->n_plane + i % planes];
     if (job.rank)
-        job.b = prt_fold_cluster(run->kernels, p, c, run->n_light, run->n_plane, scratch);
+        job.b = prt_fold_cluster(run->kernels, p, piece->cluster, c->rank, run->n_light,
+                                 run->n_plane, scratch);
     run->kernels->expand(&job);
 }
 

@@ -125,15 +125,17 @@ void prt_plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_
     *slow = fmin(fmax(*slow, slow_least), slow_most);
 }
 
-// The smallest mean free path of a material; PRT_ARG where it or the model is degenerate.
+// The smallest mean free path of the media; PRT_ARG where one or the model is degenerate.
 static int examine(const struct prt_context *ctx, const struct prt_screen *screen,
-                   const struct prt_material *material, double *path)
+                   const struct prt_media *media, double *path)
 {
-    int status = prt_material_check(ctx, material);
+    int status = prt_media_check(ctx, media, screen->mesh->n_object);
     if (status) return status;
     *path = INFINITY;
-    for (int c = 0; c < 3; c++)
-        *path = fmin(*path, 1.0 / (double)(material->sigma_s_prime[c] + material->sigma_a[c]));
+    for (uint32_t c = 0; c < 3 * media->n; c++) {
+        const struct prt_material *m = &media->medium[c / 3];
+        *path = fmin(*path, 1.0 / (double)(m->sigma_s_prime[c % 3] + m->sigma_a[c % 3]));
+    }
     return screen->diameter_mm > 0 ? PRT_OK : PRT_ARG;
 }
 
@@ -153,8 +155,8 @@ uint32_t prt_plan_samples(const struct prt_screen *screen, enum prt_screen_engin
 static int check(const struct prt_context *ctx, const struct prt_screen *screen,
                  const struct prt_screen_input *input, double budget_ms)
 {
-    if (!screen || !input || !input->visibility || !input->material)
-        return prt_fail(ctx, PRT_ARG, "screen: screen, visibility or material is NULL");
+    if (!screen || !input || !input->visibility || !input->media.n)
+        return prt_fail(ctx, PRT_ARG, "screen: screen, visibility or media are missing");
     if (!(budget_ms > 0) || !isfinite(budget_ms))
         return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be positive", budget_ms);
     return PRT_OK;
@@ -167,7 +169,7 @@ static int plan_view_of(const struct prt_context *ctx, const struct prt_screen *
 {
     double path;
     int status = check(ctx, screen, input, budget_ms);
-    if (!status) status = examine(ctx, screen, input->material, &path);
+    if (!status) status = examine(ctx, screen, &input->media, &path);
     if (status) return status;
     struct prt_gbuffer g;
     prt_visibility_gbuffer(input->visibility, &g);

@@ -123,8 +123,10 @@ int prt_frame_irradiance(struct frame *f, struct samples *s)
 }
 
 // R_d of each object, as coefficients and as a table.
-static int make_tables(struct frame *f, const struct prt_material *material)
+static int make_tables(struct frame *f, const struct prt_media *media)
 {
+    int status = prt_media_check(f->ctx, media, f->n_object);
+    if (status) return status;
     uint32_t n = f->n_object ? f->n_object : 1;
     f->dipole = calloc(n, sizeof *f->dipole);
     f->eta = calloc(n, sizeof *f->eta);
@@ -132,10 +134,7 @@ static int make_tables(struct frame *f, const struct prt_material *material)
     if (!f->dipole || !f->eta || !f->table)
         return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     for (uint32_t o = 0; o < f->n_object; o++) {
-        const struct prt_material *m = material;
-        if (f->options->object_material) m = &f->options->object_material[o];
-        int status = prt_material_check(f->ctx, m);
-        if (status) return status;
+        const struct prt_material *m = prt_media_of(media, o);
         double scale = INFINITY;
         prt_material_dipoles(m, f->dipole[o]); // or the material's own profile
         for (int c = 0; c < 3; c++) scale = fmin(scale, f->dipole[o][c].z_r);
@@ -296,7 +295,7 @@ static int begin_frame(struct frame *f, const struct prt_screen_input *input)
     f->seed = f->options->seed + (uint64_t)f->options->frame * 0x9e3779b97f4a7c15ULL;
     int status = check_options(f->ctx, f->options);
     if (!status) status = check_maps(f);
-    if (!status) status = make_tables(f, input->material);
+    if (!status) status = make_tables(f, &input->media);
     if (!status) status = make_lights(f, input);
     f->view_key = prt_view_key(f);
     for (uint32_t i = 0; i < f->g.n_point && !f->any; i++) f->any = !f->g.opaque[i];
@@ -397,9 +396,9 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
                         struct prt_screen_report *report)
 {
     struct prt_screen_report unused;
-    if (!screen || !input || !input->visibility || !input->material || !options || !radiance)
+    if (!screen || !input || !input->visibility || !input->media.n || !options || !radiance)
         return prt_fail(ctx, PRT_ARG,
-                        "screen: screen, visibility, material, options or radiance is NULL");
+                        "screen: screen, visibility, media, options or radiance is missing");
     struct frame f = {.ctx = ctx,
                       .screen = screen,
                       .vis = input->visibility,

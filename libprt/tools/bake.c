@@ -14,7 +14,7 @@
 static enum prt_transport_kind engine_of(const struct options *o)
 {
     bool sparse = o->coeffs || (o->storage && !strcmp(o->storage, "sparse"));
-    if (!o->transport && !o->material && !sparse) return PRT_TRANSPORT_JOINT;
+    if (!o->transport && !o->n_material && !sparse) return PRT_TRANSPORT_JOINT;
     if (o->transport && !strcmp(o->transport, "polynomial")) return PRT_TRANSPORT_POLYNOMIAL;
     if (o->transport && !strcmp(o->transport, "joint")) return PRT_TRANSPORT_JOINT;
     return PRT_TRANSPORT_WAVELET;
@@ -226,6 +226,18 @@ static int limit_memory(struct tool *tool, uint64_t estimate)
     return memory_watch(tool, o->memory ? o->memory : estimate + estimate / 2 + instrumented);
 }
 
+static void note_etas(const struct tool *tool, const struct prt_media *media)
+{
+    double eta[PRT_MEDIA_MAX];
+    char text[PRT_MEDIA_MAX * 12] = "";
+    uint32_t n = prt_media_etas(media, eta);
+    for (uint32_t i = 0; i < n; i++) {
+        size_t at = strlen(text);
+        snprintf(text + at, sizeof text - at, "%s%g", i ? ", " : "", eta[i]);
+    }
+    prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %s", text);
+}
+
 int run_bake(struct tool *tool)
 {
     const struct options *o = &tool->opt;
@@ -241,16 +253,12 @@ int run_bake(struct tool *tool)
     if (access(o->input[0], R_OK) == 0 && prt_file_probe(o->input[0]))
         return usage_error(o, "%s is a .prt already: bake takes a model", o->input[0]);
     struct prt_bake_options options = bake_options(o, engine);
+    // Of a joint bake only eta is used; the material stays free.
+    const bool fixed = engine == PRT_TRANSPORT_WAVELET;
     if ((exit_status =
-             source_open(tool, o->input[0], engine == PRT_TRANSPORT_WAVELET, &source)))
+             source_open(tool, o->input[0], fixed ? NULL : prt_material_preset(0), &source)))
         return exit_status;
-    if (!source.material_given) {
-        // Of a joint bake only its eta is used; the material stays free.
-        if (!source.material_of_file) source.material = *prt_material_preset(0);
-        if (engine != PRT_TRANSPORT_WAVELET)
-            prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %g",
-                    (double)source.material.eta);
-    }
+    if (!source.media_given && !fixed) note_etas(tool, &source.media);
     if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {
         exit_status = tool_exit(tool, tool_env_load(tool, o->env, &env));
         if (exit_status) goto done;
@@ -258,7 +266,7 @@ int run_bake(struct tool *tool)
         prt_log(&tool->ctx, PRT_LOG_WARNING,
                 "--env is for --transport polynomial; this bake serves every light");
     }
-    options.material = source.material;
+    options.media = source.media;
     options.env = env;
     options.memory = usable_memory(o);
     uint64_t bytes = 0;

@@ -42,10 +42,10 @@ static int answer(struct tool *tool, const struct source *source, const struct p
     struct prt_query query = {
         .term = answer_term(tool->opt.term),
         .light = light,
-        .material = source->material_given ? &source->material : NULL,
         .eye = eye_mm,
         .exit = exit_option(&tool->opt),
     };
+    if (source->media_given) query.media = source->media;
     return tool_exit(tool, prt_answer_colors(&tool->ctx, source->transport, &query, color));
 }
 
@@ -76,7 +76,7 @@ static void summary(const struct tool *tool, const struct source *source, const 
     cJSON_AddNumberToObject(root, "vertices", n);
     if (cube) cJSON_AddNumberToObject(root, "cube", cube);
     cJSON_AddNumberToObject(root, "seconds", seconds);
-    if (source->material_given && source->transport)
+    if (source->media_given && source->transport)
         cJSON_AddNumberToObject(root, "material_error", lost);
     if (noise > 0) cJSON_AddNumberToObject(root, "standard_error", noise);
     cJSON_AddItemToObject(root, "mean", cJSON_CreateDoubleArray(mean, 3));
@@ -124,7 +124,7 @@ int run_colors(struct tool *tool)
     struct prt_cube cube = {0};
     float(*color)[3] = NULL;
     int status = check_writable(tool, o->out);
-    if (status || (status = source_open(tool, o->input[0], true, &source))) return status;
+    if (status || (status = source_open(tool, o->input[0], NULL, &source))) return status;
     const char *engine = choose_engine(tool, &source);
     bool reference = engine && !strcmp(engine, "reference");
     double lost = 0, noise = 0;

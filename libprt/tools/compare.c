@@ -152,8 +152,8 @@ static int reference_at(struct tool *tool, const struct source *source,
     options.vertex = pick;
     options.n_vertex = n;
     if (error) options.standard_error = &error;
-    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->material, light,
-                                      &options, (float(*)[3])rgb);
+    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->media, light, &options,
+                                      (float(*)[3])rgb);
     *noise = error && !status ? relative_noise(error[0], rgb, 3 * (size_t)n) : 0;
     prt_free(error);
     return status;
@@ -199,7 +199,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     if (o->term && !strcmp(o->term, "irradiance"))
         return usage_error(o, "a .prt holds no irradiance to compare");
     struct source source;
-    int exit_status = source_open(tool, o->input[0], true, &source);
+    int exit_status = source_open(tool, o->input[0], NULL, &source);
     if (exit_status) return exit_status;
     struct prt_cube own = {0}, light = {0};
     struct prt_env *env = NULL;
@@ -226,10 +226,10 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     struct prt_query query = {
         .term = answer_term(o->term),
         .light = source.transport->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &own,
-        .material = source.material_given ? &source.material : NULL,
         .eye = o->eye.set ? eye : NULL,
         .exit = exit_option(o),
     };
+    if (source.media_given) query.media = source.media;
     color = prt_alloc(n_vertex, 3 * sizeof *color);
     a->rgb = prt_alloc(n, 3 * sizeof *a->rgb);
     b->rgb = prt_alloc(n, 3 * sizeof *b->rgb);
@@ -264,7 +264,8 @@ int run_compare(struct tool *tool)
     int status;
     bool reference = !strcmp(o->input[1], "reference");
     if (reference && (o->materials || o->n_env > 1)) return compare_table(tool);
-    if (o->materials) return usage_error(o, "--materials is for B = reference");
+    if (o->materials && !reference) return usage_error(o, "--materials is for B = reference");
+    if (o->n_material && !reference) return usage_error(o, "--material is for B = reference");
     if (reference) {
         status = against_reference(tool, &a, &b);
     } else {

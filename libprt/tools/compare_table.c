@@ -16,6 +16,7 @@ struct table {
     struct source source;
     unsigned n_media, n_light, n;                // n: vertices
     struct prt_material *media;                  // [MAX_MEDIA]
+    struct prt_media set[MAX_MEDIA];             // the media of a row's objects
     struct prt_cube own[MAX_ENV], seen[MAX_ENV]; // the bake's resolution, the reference's
     uint32_t *vertex;
     float *want, *got;       // [n_media][n_light][n][3]
@@ -42,7 +43,9 @@ static int add_medium(struct table *t, const struct prt_material *m)
 {
     if (t->n_media == MAX_MEDIA)
         return usage_error(&t->tool->opt, "--materials: at most %d", MAX_MEDIA);
-    t->media[t->n_media++] = *m;
+    t->media[t->n_media] = *m;
+    t->set[t->n_media] = prt_media_one(&t->media[t->n_media]);
+    t->n_media++;
     return EXIT_DONE;
 }
 
@@ -52,8 +55,7 @@ static int add_measured(struct table *t)
     const struct prt_material *m;
     int status = EXIT_DONE;
     for (unsigned i = 0; !status && (m = prt_material_preset(i)); i++)
-        if (fabsf(m->eta - t->source.transport->material.eta) < 1e-6f)
-            status = add_medium(t, m);
+        if (fabsf(m->eta - t->source.media.medium[0].eta) < 1e-6f) status = add_medium(t, m);
     return status;
 }
 
@@ -63,7 +65,7 @@ static int add_ends(struct table *t)
     static const float scatter[2] = {0.02f, 25}, absorb[2] = {0, 2};
     int status = EXIT_DONE;
     for (int i = 0; i < 4 && !status; i++) {
-        struct prt_material m = {.eta = t->source.transport->material.eta, .roughness = 0.3f};
+        struct prt_material m = {.eta = t->source.media.medium[0].eta, .roughness = 0.3f};
         for (int c = 0; c < 3; c++)
             m.sigma_s_prime[c] = scatter[i / 2], m.sigma_a[c] = absorb[i % 2];
         snprintf(m.name, sizeof m.name, "s' %g a %g", (double)scatter[i / 2],
@@ -102,12 +104,23 @@ static int choose_media(struct table *t)
     const struct prt_transport *p = t->source.transport;
     t->media = prt_calloc(MAX_MEDIA, sizeof *t->media);
     if (!t->media) return tool_exit(t->tool, prt_fail(&t->tool->ctx, PRT_NOMEM, "no memory"));
-    if (!o->materials) return add_medium(t, &p->material);
+    if (!o->materials) {
+        int added = add_medium(t, t->source.media.medium);
+        t->set[0] = t->source.media;
+        return added;
+    }
+    double eta[PRT_MEDIA_MAX];
+    if (o->n_material) return usage_error(o, "--material and --materials exclude each other");
+    if (prt_media_etas(&p->media, eta) > 1)
+        return usage_error(o,
+                           "%s has objects of different eta: --materials is for bakes of one; "
+                           "give --material by object",
+                           t->source.path);
     if (p->engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o,
                            "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
                            "leave --materials out",
-                           t->source.path, p->material.name);
+                           t->source.path, p->media.medium[0].name);
     int status;
     bool all = !strcmp(o->materials, "all");
     if (all || !strcmp(o->materials, "media")) {
@@ -120,7 +133,7 @@ static int choose_media(struct table *t)
     }
     if (!status && !t->n_media)
         return usage_error(o, "--materials %s: no measured medium has the bake's eta, %g",
-                           o->materials, (double)p->material.eta);
+                           o->materials, (double)p->media.medium[0].eta);
     return status;
 }
 
@@ -168,14 +181,12 @@ static int fill_reference(struct table *t, const float *eye)
     if (!o->rays) options.n_ray = TABLE_RAYS;
     options.vertex = t->vertex;
     options.n_vertex = t->n;
-    const struct prt_material *media[MAX_MEDIA];
     const struct prt_cube *light[MAX_ENV];
     float(*color[MAX_MEDIA * MAX_ENV])[3];
-    for (unsigned m = 0; m < t->n_media; m++) media[m] = &t->media[m];
     for (unsigned l = 0; l < t->n_light; l++) light[l] = &t->seen[l];
     for (unsigned i = 0; i < t->n_media * t->n_light; i++)
         color[i] = (float(*)[3])(t->want + (size_t)i * t->n * 3);
-    return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, media, t->n_light,
+    return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, t->set, t->n_light,
                               light, &options, color);
 }
 
@@ -188,11 +199,11 @@ static int fill_answers(struct table *t, const float *eye)
     int status = all ? PRT_OK : prt_fail(ctx, PRT_NOMEM, "no memory for the colours");
     for (unsigned m = 0; m < t->n_media && !status; m++) {
         struct prt_query query = {.term = answer_term(t->tool->opt.term),
-                                  .material = fixed ? NULL : &t->media[m],
+                                  .media = fixed ? (struct prt_media){0} : t->set[m],
                                   .eye = eye,
                                   .exit = exit_option(&t->tool->opt)};
         if (!fixed)
-            status = prt_answer_material_error(ctx, p, &t->media[m], query.term, &t->bound[m]);
+            status = prt_answer_material_error(ctx, p, &t->set[m], query.term, &t->bound[m]);
         for (unsigned l = 0; l < t->n_light && !status; l++) {
             float *got = t->got + ((size_t)m * t->n_light + l) * t->n * 3;
             query.light = p->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &t->own[l];
@@ -288,7 +299,7 @@ static void print_text(const struct table *t, double worst, bool any)
 static int prepare(struct table *t)
 {
     const struct options *o = &t->tool->opt;
-    int status = source_open(t->tool, o->input[0], true, &t->source);
+    int status = source_open(t->tool, o->input[0], NULL, &t->source);
     if (status) return status;
     if (!t->source.transport) return usage_error(o, "%s is not a .prt", o->input[0]);
     cJSON *settings = cJSON_Parse(t->source.transport->settings);

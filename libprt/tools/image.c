@@ -2,6 +2,7 @@
 // prt image: a lit model drawn from a camera.
 #include "maps.h"
 #include "tool.h"
+#include "terminal.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
 #include "prt/trace.h"
@@ -11,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { MAX_LINE = 512 }; // of a message
 
@@ -29,7 +31,7 @@ struct picture {
     bool transparent;
     float *shadow;                  // of --floor
     struct prt_scene *scene;        // of specular occlusion of a model and its error
-    double specular_error, without; // of reflections against traced rays, --measure-error
+    double specular_error, without; // of reflections against traced rays, --measure-error; of the first medium
     bool specular_measured;
     float background[3];
     struct prt_image image;
@@ -92,8 +94,12 @@ static int check_usage(struct tool *tool, struct picture *p)
 {
     const struct options *o = &tool->opt;
     int status;
+    if (o->n_input > 1 && (o->out || !is_terminal_path(o->input[1])))
+        return usage_error(o, "%s: one SOURCE, and - or -o OUT", o->input[1]);
+    if (o->n_input > 1) tool->opt.out = o->input[1];
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
+    if (!is_terminal_path(o->out) && !prt_picture_format(o->out))
+        return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
     if ((o->camera || o->orbit) && o->eye.set)
         return usage_error(o, "--%s says where the eye is: leave --eye out",
@@ -109,7 +115,7 @@ static int check_usage(struct tool *tool, struct picture *p)
         p->plain = true;
     } else if (o->background && !strcmp(o->background, "transparent")) {
         p->plain = p->transparent = true;
-        if (!prt_picture_format(o->out)->alpha)
+        if (is_terminal_path(o->out) || !prt_picture_format(o->out)->alpha)
             return usage_error(
                 o, "%s has no alpha: --background transparent is for .png and .exr", o->out);
     } else if (o->background && strcmp(o->background, "env")) {
@@ -194,9 +200,9 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     struct prt_query query = {
         .term = answer_term(term),
         .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
-        .material = p->source.material_given ? &p->source.material : NULL,
         .exit = exit_option(&tool->opt),
     };
+    if (p->source.media_given) query.media = p->source.media;
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
     if (status) return tool_exit(tool, status);
     p->planes = prt_alloc((size_t)p->n_plane * t->mesh.n_vertex, 3 * sizeof(float));
@@ -215,7 +221,7 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
     options.no_exit = true;
     p->n_plane = 1;
     if (!(p->planes = prt_alloc(n, 3 * sizeof(float)))) return no_memory(tool);
-    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.material,
+    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.media,
                                                 &p->light, &options, (float(*)[3])p->planes));
 }
 
@@ -265,9 +271,9 @@ static int measure_specular(struct tool *tool, struct picture *p)
     int status = PRT_OK;
     if (!p->scene) status = prt_scene_create(&tool->ctx, p->source.mesh, &p->scene);
     if (!status)
-        status = prt_specular_error(&tool->ctx, p->scene, p->visibility, &p->mirror,
-                                    p->source.material.eta, p->source.material.roughness,
-                                    &p->specular_error, &p->without);
+        status = prt_specular_error(
+            &tool->ctx, p->scene, p->visibility, &p->mirror, p->source.media.medium[0].eta,
+            p->source.media.medium[0].roughness, &p->specular_error, &p->without);
     if (status) return tool_exit(tool, status);
     p->specular_measured = true;
     prt_log(&tool->ctx, PRT_LOG_NOTE,
@@ -281,8 +287,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total, enum prt_e
     struct prt_shade shade = {
         .n_plane = p->n_plane,
         .planes = p->planes,
-        .eta = p->source.material.eta,
-        .roughness = p->source.material.roughness,
+        .media = p->source.media,
         .fresnel = total,
         .exit = exit,
         .specular = p->specular,
@@ -320,12 +325,12 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     struct prt_screen *screen;
     int status = prt_screen_engine_parse(engine, &options.engine);
     if (status) return tool_exit(tool, status);
-    if ((status = maps_load(tool, p->source.mesh, &p->source.material, &p->maps, &options)))
+    if ((status = maps_load(tool, p->source.mesh, &p->source.media, &p->maps, &options)))
         return status;
     status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
     struct prt_screen_input input = {
-        .visibility = p->visibility, .material = &p->source.material, .cube = &p->light};
+        .visibility = p->visibility, .media = p->source.media, .cube = &p->light};
     status = prt_screen_image(&tool->ctx, screen, &input, &options, &shade_options, &p->image,
                               &p->report);
     prt_screen_destroy(screen);
@@ -367,7 +372,7 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     cJSON_AddNumberToObject(root, "covered", covered);
     cJSON_AddStringToObject(root, "camera", camera);
     cJSON_AddNumberToObject(root, "seconds", seconds);
-    if (p->source.material_given && p->source.transport && !p->on_screen)
+    if (p->source.media_given && p->source.transport && !p->on_screen)
         cJSON_AddNumberToObject(root, "material_error", p->lost);
     if (p->on_screen) add_screen_report(root, &p->report);
     if (p->specular_measured) {
@@ -393,6 +398,11 @@ static int draw(struct tool *tool, struct picture *p)
     const char *term = o->term ? o->term : "total";
     bool total = !strcmp(term, "total");
     uint32_t width = o->width ? o->width : 800, height = o->height ? o->height : 600;
+    if (!o->width && is_terminal_path(o->out)) {
+        struct prt_terminal terminal;
+        prt_terminal_detect(STDOUT_FILENO, &terminal);
+        prt_terminal_fit(&terminal, &width, &height);
+    }
     int status;
     const char *engine = choose_engine(tool, &p->source, &status);
     if (!engine) return status;
@@ -441,8 +451,10 @@ int run_image(struct tool *tool)
 {
     struct picture p = {0};
     int status = check_usage(tool, &p);
-    if (status || (status = check_writable(tool, tool->opt.out))) return status;
-    if ((status = source_open(tool, tool->opt.input[0], true, &p.source))) return status;
+    if (!status && !is_terminal_path(tool->opt.out))
+        status = check_writable(tool, tool->opt.out);
+    if (status) return status;
+    if ((status = source_open(tool, tool->opt.input[0], NULL, &p.source))) return status;
     status = draw(tool, &p);
     picture_finish(&p);
     return status;

@@ -184,7 +184,7 @@ static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *tr
     for (unsigned i = 0; !status && (preset = prt_material_preset(i)); i++) {
         struct prt_material m = *preset;
         double error = 0;
-        m.eta = transport->material.eta;
+        m.eta = transport->media.medium[0].eta;
         if (!(status = prt_radial_fit_material(radial, &m, coef, &error)))
             cJSON_AddNumberToObject(all, m.name, error);
         worst = fmax(worst, error);
@@ -235,20 +235,47 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     return t->n_knot ? add_basis(tool, o, transport, t) : PRT_OK;
 }
 
+// "media": each with the objects that have it; "material": the first of them.
+static void add_baked_media(cJSON *root, const struct prt_mesh *mesh,
+                            const struct prt_media *media)
+{
+    char text[PRT_MATERIAL_SUMMARY];
+    prt_material_summary(&media->medium[0], text, sizeof text);
+    add_parsed(root, "material", text);
+    cJSON *list = cJSON_AddArrayToObject(root, "media");
+    for (uint32_t i = 0; i < media->n; i++) {
+        cJSON *o = cJSON_CreateObject();
+        prt_material_summary(&media->medium[i], text, sizeof text);
+        add_parsed(o, "material", text);
+        cJSON *objects = cJSON_AddArrayToObject(o, "objects");
+        for (uint32_t b = 0; b < mesh->n_block; b++) {
+            const struct prt_block *block = &mesh->block[b];
+            const struct prt_surface *s = &mesh->surface[block->surface];
+            if (!s->translucent || prt_media_index(media, block->object) != i) continue;
+            cJSON *object = cJSON_CreateObject();
+            cJSON_AddNumberToObject(object, "object", block->object);
+            cJSON_AddStringToObject(object, "node",
+                                    mesh->object ? mesh->object[block->object].name : "");
+            cJSON_AddStringToObject(object, "material", s->name);
+            cJSON_AddItemToArray(objects, object);
+        }
+        cJSON_AddItemToArray(list, o);
+    }
+}
+
 static int describe_prt(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_file *file;
     int status = prt_file_open(&tool->ctx, path, PRT_FILE_CHECK_ALL, &file);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     const struct prt_transport *t = prt_file_transport(file);
-    char material[512], hash[24];
+    char hash[24];
     uint64_t total = 0;
     cJSON_AddStringToObject(root, "kind", "prt");
     cJSON_AddStringToObject(root, "engine", source_engine_name(t));
     cJSON_AddNumberToObject(root, "cube", t->cube);
     cJSON_AddNumberToObject(root, "bytes", (double)prt_file_bytes(file));
-    prt_material_summary(&t->material, material, sizeof material);
-    add_parsed(root, "material", material);
+    add_baked_media(root, &t->mesh, &t->media);
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->mesh_hash);
     cJSON_AddStringToObject(root, "mesh_hash", hash);
     add_mesh(root, &t->mesh);

@@ -22,9 +22,8 @@ static int load_one(struct tool *tool, enum prt_screen_map_kind kind, const char
     return tool_exit(tool, status);
 }
 
-int maps_load(struct tool *tool, const struct prt_mesh *mesh,
-              const struct prt_material *material, struct maps *out,
-              struct prt_screen_options *screen)
+int maps_load(struct tool *tool, const struct prt_mesh *mesh, const struct prt_media *media,
+              struct maps *out, struct prt_screen_options *screen)
 {
     const struct options *o = &tool->opt;
     const char *const path[3] = {o->albedo_map, o->normal_map, o->bump_map};
@@ -36,9 +35,14 @@ int maps_load(struct tool *tool, const struct prt_mesh *mesh,
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_ARG,
                                         "%s has no texture coordinates, which a map needs",
                                         o->input[0]));
+    if (o->albedo_map && media->n > 1)
+        return usage_error(o,
+                           "--albedo-map changes one medium, and %s has %u: give all objects "
+                           "one --material",
+                           o->input[0], media->n);
     for (int k = 0; k < 3; k++) {
         if (!path[k]) continue;
-        int status = load_one(tool, (enum prt_screen_map_kind)k, path[k], material,
+        int status = load_one(tool, (enum prt_screen_map_kind)k, path[k], media->medium,
                               (float)o->bump_mm, &out->map[k]);
         if (status) return status;
         *use[k] = &out->map[k];

@@ -12,9 +12,8 @@ struct maps {
 bool maps_given(const struct options *options);
 /* Loads the files of --albedo-map, --normal-map and --bump-map, for this medium, and points
  * `screen` at it; `out` must outlive the picture. Returns an exit status. */
-int maps_load(struct tool *tool, const struct prt_mesh *mesh,
-              const struct prt_material *material, struct maps *out,
-              struct prt_screen_options *screen);
+int maps_load(struct tool *tool, const struct prt_mesh *mesh, const struct prt_media *media,
+              struct maps *out, struct prt_screen_options *screen);
 void maps_finish(struct maps *maps);
 
 #endif

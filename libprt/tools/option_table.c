@@ -40,9 +40,11 @@ static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
 const struct option_row option_table[] = {
     {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL,
      BAKE | COLORS | IMAGE | ENV | MATERIAL, "file to write; its ending chooses the format"},
-    {"material", 'm', "NAME|FILE", OPTION_TEXT, AT(material), 0, 0, NULL, BAKE | COLORS | IMAGE,
+    {"material", 'm', "[OBJECT=]NAME|FILE", OPTION_MATERIAL, 0, 0, 0, NULL,
+     BAKE | COLORS | IMAGE | COMPARE,
      "a preset (marble, skin1, …), a JSON file, JSON text, or a file of another program, FILE or "
-     "FILE#NAME; see prt material --help"},
+     "FILE#NAME (see prt material --help); OBJECT: the glTF material or node that it is of, "
+     "without it all others; may repeat"},
     {"size-mm", 0, "D", OPTION_REAL, AT(size_mm), 0, 1e6, NULL, BAKE | COLORS | IMAGE,
      "diagonal of the bounding box of the translucent objects, in mm"},
     {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, BAKE | COLORS | IMAGE,

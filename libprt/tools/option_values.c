@@ -133,6 +133,12 @@ int option_set(struct options *o, const struct option_row *row, const char *valu
             return usage_error(o, "--%s: at most %d names", row->name, MAX_OPAQUE);
         o->opaque[o->n_opaque++] = value;
         return -1;
+    case OPTION_MATERIAL:
+        if (!*value) return usage_error(o, "--%s: expected %s", row->name, row->label);
+        if (o->n_material == PRT_MEDIA_MAX)
+            return usage_error(o, "--%s: at most %d", row->name, PRT_MEDIA_MAX);
+        o->material[o->n_material++] = value;
+        return -1;
     case OPTION_ENVS:
         if (!*value) return usage_error(o, "--%s: expected %s", row->name, row->label);
         if (o->n_env == MAX_ENV)

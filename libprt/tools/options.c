@@ -41,8 +41,12 @@ static const struct {
                     "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"
                     "  prt colors leaf.glb --material marble --size-mm 50 --env studio.exr \\\n"
                     "      --scattering walk --walks 4096 -o leaf.csv\n"},
-    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}",
-                   "light a .prt or a model, and draw it", 1, 1,
+    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}|-",
+                   "light a .prt or a model, and draw it; - draws in the terminal (kitty's\n"
+                   "protocol, sixels or half blocks; $RELIGHT_TERMINAL overrides: kitty,\n"
+                   "sixel, blocks, blocks256)",
+                   1, 2,
+                   "  prt image bunny.prt --env grace.exr -\n"
                    "  prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
                    "  prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
                    "      --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"

@@ -8,20 +8,21 @@
 
 /* The type of an option's value, and the field of struct options that it fills. */
 enum option_kind {
-    OPTION_FLAG,   /* no value; bool */
-    OPTION_TEXT,   /* const char *, not empty */
-    OPTION_OPAQUE, /* appended to options.opaque */
-    OPTION_ENVS,   /* appended to options.envs */
-    OPTION_WORD,   /* const char *, one of `words` */
-    OPTION_REAL,   /* double in (low, high] when low is 0, else in [low, high] */
-    OPTION_SIGNED, /* double in [low, high] */
-    OPTION_WHOLE,  /* uint64_t in [low, high] */
-    OPTION_VECTOR, /* struct vector_option */
-    OPTION_SIZE,   /* WxH into width and height */
-    OPTION_SIDE,   /* N or WxH into width and height */
-    OPTION_CUBE,   /* N or full */
-    OPTION_SHARD,  /* I/N */
-    OPTION_FD,     /* a file descriptor */
+    OPTION_FLAG,     /* no value; bool */
+    OPTION_TEXT,     /* const char *, not empty */
+    OPTION_OPAQUE,   /* appended to options.opaque */
+    OPTION_MATERIAL, /* appended to options.material */
+    OPTION_ENVS,     /* appended to options.envs */
+    OPTION_WORD,     /* const char *, one of `words` */
+    OPTION_REAL,     /* double in (low, high] when low is 0, else in [low, high] */
+    OPTION_SIGNED,   /* double in [low, high] */
+    OPTION_WHOLE,    /* uint64_t in [low, high] */
+    OPTION_VECTOR,   /* struct vector_option */
+    OPTION_SIZE,     /* WxH into width and height */
+    OPTION_SIDE,     /* N or WxH into width and height */
+    OPTION_CUBE,     /* N or full */
+    OPTION_SHARD,    /* I/N */
+    OPTION_FD,       /* a file descriptor */
 };
 
 struct option_row {

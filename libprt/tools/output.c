@@ -2,10 +2,13 @@
 // Writes colours and pictures in the format of the file's ending; reads tables of colours back.
 #include "tool.h"
 
+#include "terminal.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <unistd.h>
 
 static int write_table(const struct prt_context *ctx, const char *path, uint32_t n_vertex,
                        const float (*color)[3])
@@ -38,9 +41,29 @@ int picture_path_error(const struct options *options, const char *things)
                        prt_picture_endings(endings));
 }
 
+bool is_terminal_path(const char *path)
+{
+    return path && !strcmp(path, "-");
+}
+
+static int draw_in_terminal(const struct prt_context *ctx, const struct prt_image *image,
+                            const struct prt_picture_options *options)
+{
+    struct prt_terminal terminal;
+    uint8_t *rgb = prt_alloc((size_t)image->width * image->height, 3);
+    if (!rgb) return prt_fail(ctx, PRT_NOMEM, "no memory for a picture in the terminal");
+    prt_terminal_detect(STDOUT_FILENO, &terminal);
+    int status = prt_tone_map(ctx, image, options->tone, options->exposure_ev, rgb);
+    if (!status && prt_terminal_draw(stdout, &terminal, image->width, image->height, rgb))
+        status = prt_fail(ctx, PRT_IO, "the picture could not be written to standard output");
+    prt_free(rgb);
+    return status;
+}
+
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
                  const struct prt_picture_options *options)
 {
+    if (is_terminal_path(path)) return draw_in_terminal(ctx, image, options);
     struct prt_blob blob = {0};
     int status = prt_picture_format(path)->encode(ctx, image, options, &blob);
     if (!status) status = prt_write_file(ctx, path, blob.bytes, blob.size);

@@ -35,11 +35,6 @@ int material_named(struct tool *tool, const char *option, const char *name,
     return EXIT_DONE;
 }
 
-int material_option(struct tool *tool, struct prt_material *out)
-{
-    return material_named(tool, "material", tool->opt.material, out);
-}
-
 const char *source_engine_name(const struct prt_transport *transport)
 {
     switch ((enum prt_transport_kind)transport->engine) {
@@ -53,6 +48,13 @@ const char *source_engine_name(const struct prt_transport *transport)
     return "unknown";
 }
 
+static bool any_single(const struct prt_media *media)
+{
+    bool any = false;
+    for (uint32_t i = 0; i < media->n; i++) any |= !media->medium[i].profile;
+    return any;
+}
+
 // Reports that a bake with --no-single has 0 for `single`, also in `total`.
 static void report_no_single(const struct tool *tool, const struct source *source)
 {
@@ -62,7 +64,7 @@ static void report_no_single(const struct tool *tool, const struct source *sourc
         !o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, source_engine_name(t));
     bool wanted = !o->term || !strcmp(o->term, "single") || !strcmp(o->term, "total");
     bool lights = o->command == CMD_COLORS || o->command == CMD_IMAGE;
-    if (!lights || !own || !wanted || t->material.profile) return;
+    if (!lights || !own || !wanted || !any_single(&t->media)) return;
     for (uint32_t i = 0; i < t->n_tensor; i++)
         if (t->tensor[i].term == PRT_TERM_SINGLE) return;
     prt_log(&tool->ctx, o->term && !strcmp(o->term, "single") ? PRT_LOG_WARNING : PRT_LOG_NOTE,
@@ -87,24 +89,23 @@ static int open_prt(struct tool *tool, struct source *source)
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->transport = prt_file_transport(source->file);
     source->mesh = &source->transport->mesh;
-    source->material = source->transport->material;
+    source->media = source->transport->media;
     report_no_single(tool, source);
-    if (!o->material) return EXIT_DONE;
+    if (!o->n_material) return EXIT_DONE;
     if (source->transport->engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o,
                            "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
                            "leave --material out, or bake again",
-                           source->path, source->material.name);
-    source->material_given = true;
-    return material_option(tool, &source->material);
+                           source->path, source->media.medium[0].name);
+    return source_media_edit(tool, source);
 }
 
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error)
 {
     *error = 0;
-    if (!source->transport || !source->material_given) return EXIT_DONE;
-    int status = prt_answer_material_error(&tool->ctx, source->transport, &source->material,
+    if (!source->transport || !source->media_given) return EXIT_DONE;
+    int status = prt_answer_material_error(&tool->ctx, source->transport, &source->media,
                                            answer_term(term), error);
     // A medium with another eta is wrong usage, as one out of range is.
     return status == PRT_MISMATCH ? EXIT_USAGE : tool_exit(tool, status);
@@ -124,31 +125,10 @@ struct prt_mesh_options source_mesh_options(const struct options *o)
                                      .up_z = o->up && !strcmp(o->up, "z")};
 }
 
-// Without --material: the medium of the file's own materials.
-static int own_material(struct tool *tool, bool need_material, struct source *source)
-{
-    if (tool->opt.material) return EXIT_DONE;
-    source->material_of_file =
-        file_material(tool, source->mesh, (double)source->mesh->mm_per_unit, &source->material);
-    if (source->material_of_file) {
-        char text[PRT_MATERIAL_SUMMARY];
-        prt_material_summary(&source->material, text, sizeof text);
-        prt_log(&tool->ctx, PRT_LOG_NOTE, "the file's own material: %s", text);
-    }
-    if (source->material_of_file || !need_material) return EXIT_DONE;
-    return usage_error(&tool->opt,
-                       "%s is a model whose own materials give no medium: it needs --material",
-                       source->path);
-}
-
-static int open_model(struct tool *tool, bool need_material, struct source *source)
+static int open_model(struct tool *tool, const struct prt_material *fallback,
+                      struct source *source)
 {
     const struct options *o = &tool->opt;
-    if (o->material) {
-        int exit_status = material_option(tool, &source->material);
-        if (exit_status) return exit_status;
-        source->material_given = true;
-    }
     struct prt_mesh_options options = source_mesh_options(o);
     int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
     if (status == PRT_ARG && o->n_opaque) return EXIT_USAGE; // a name that --opaque misspells
@@ -159,10 +139,11 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
         return usage_error(o, "%s has no units of length: give --size-mm or --mm-per-unit",
                            source->path);
     status = prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm, o->mm_per_unit);
-    return status ? tool_exit(tool, status) : own_material(tool, need_material, source);
+    return status ? tool_exit(tool, status) : source_media(tool, source, fallback);
 }
 
-int source_open(struct tool *tool, const char *path, bool need_material, struct source *out)
+int source_open(struct tool *tool, const char *path, const struct prt_material *fallback,
+                struct source *out)
 {
     *out = (struct source){.path = path};
     if (access(path, R_OK))
@@ -170,7 +151,7 @@ int source_open(struct tool *tool, const char *path, bool need_material, struct 
     size_t n = strlen(path);
     bool named_prt = n > 4 && !strcasecmp(path + n - 4, ".prt");
     int status = named_prt || prt_file_probe(path) ? open_prt(tool, out)
-                                                   : open_model(tool, need_material, out);
+                                                   : open_model(tool, fallback, out);
     if (status) source_close(out);
     return status;
 }
@@ -179,6 +160,8 @@ void source_close(struct source *source)
 {
     if (source->file) prt_file_close(source->file);
     if (source->loaded) prt_mesh_destroy(source->loaded);
+    prt_free(source->made);
+    source->made = NULL;
     source->file = NULL;
     source->loaded = NULL;
 }
@@ -260,8 +243,8 @@ int reference_term(struct tool *tool, const struct source *source, const struct 
             return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the errors"));
         options.standard_error = &error;
     }
-    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->material, light,
-                                      &options, color);
+    int status =
+        prt_reference_colors(&tool->ctx, source->mesh, &source->media, light, &options, color);
     if (error && !status) *noise = relative_noise(error[0], color[0], 3 * n);
     prt_free(error);
     return tool_exit(tool, status);

@@ -5,6 +5,7 @@
 
 #include "prt/base.h"
 #include "prt/light.h"
+#include "prt/media.h"
 #include "prt/medium.h"
 #include "prt/mesh.h"
 #include "prt/picture.h"
@@ -40,11 +41,13 @@ struct options {
     enum command command;
     const char *input[MAX_INPUT];
     unsigned n_input;
-    const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
-        *cpu, *scattering, *exit;
+    const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *cpu,
+        *scattering, *exit;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
+    const char *material[PRT_MEDIA_MAX]; /* "[OBJECT=]NAME|FILE" */
+    unsigned n_material;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
     unsigned n_env;
     const char *materials;                          /* compare: --materials */
@@ -102,21 +105,26 @@ struct source {
     const struct prt_transport *transport; /* of a .prt, else NULL */
     struct prt_mesh *loaded;               /* of a model, else NULL */
     const struct prt_mesh *mesh;           /* in mm */
-    struct prt_material material;          /* --material, else the baked one */
-    bool material_given;
-    bool material_of_file; /* without --material: material is of the model's own materials */
+    struct prt_media media;                /* --material, the file's own, or the baked ones;
+                                              zeroed: none */
+    bool media_given;                      /* by --material */
+    struct prt_media *made;                /* memory of media, or NULL */
 };
 /* Another program's material and its medium as JSON; the caller deletes it. */
 struct cJSON *describe_import(const struct prt_import *item);
-/* The medium of surface i's own material; false where it gives none. Warns of what is lost. */
+/* The medium that surface i gives by the file's own material; false where it gives none. Warns
+ * of what is lost. mm_per_unit: of the file's unit. */
 bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
                       double mm_per_unit, struct prt_material *out);
-/* The medium of a model's own materials, of the first translucent one that has one; false where
- * none has. Warns of what is lost. mm_per_unit: of the file's unit. */
-bool file_material(const struct tool *tool, const struct prt_mesh *mesh, double mm_per_unit,
-                   struct prt_material *out);
-/* Opens SOURCE and checks it by the contract. Returns an exit status. */
-int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
+/* Makes source->media of a model from --material and the file's own materials, and divides
+ * objects of several media. fallback: as source_open. Returns an exit status. */
+int source_media(struct tool *tool, struct source *source, const struct prt_material *fallback);
+/* The same of a .prt: --material in place of baked media. */
+int source_media_edit(struct tool *tool, struct source *source);
+/* Opens SOURCE and checks it by the contract. fallback: the medium of a model's objects that
+ * neither --material nor the file gives one; NULL: wrong usage. Returns an exit status. */
+int source_open(struct tool *tool, const char *path, const struct prt_material *fallback,
+                struct source *out);
 void source_close(struct source *source);
 /* How --opaque and --up have a model read. */
 struct prt_mesh_options source_mesh_options(const struct options *options);
@@ -138,8 +146,6 @@ int source_light(struct tool *tool, const struct source *source, const struct pr
  * an exit status. */
 int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
-/* --material by preset, file or JSON text. Returns an exit status. */
-int material_option(struct tool *tool, struct prt_material *out);
 /* The reference engine's options by the command line; term NULL: total; eye [3] mm or NULL. */
 struct prt_reference_options reference_options(const struct options *o, const char *term,
                                                const float *eye_mm);
@@ -157,6 +163,8 @@ int output_colors(const struct prt_context *ctx, const char *path, const struct 
 /* The usage error of -o with an ending of no picture: "`things` are written as …". */
 int picture_path_error(const struct options *options, const char *things);
 /* Writes a linear picture; prt_picture_format has a format for the path. Library status. */
+// Whether pictures go to the terminal: "-".
+bool is_terminal_path(const char *path);
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
                  const struct prt_picture_options *options);
 /* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */

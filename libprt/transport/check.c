@@ -68,6 +68,9 @@ static int check_surfaces(const struct check *c, const struct prt_mesh *m)
         for (int k = 0; k < 4; k++) good = good && in_unit(s->base_color[k]);
         if (!good) return bad(c, "surface %u has a value out of range", i);
     }
+    for (uint32_t i = 0; m->object && i < m->n_object; i++)
+        if (!memchr(m->object[i].name, 0, sizeof m->object[i].name))
+            return bad(c, "the name of object %u does not end", i);
     return PRT_OK;
 }
 
@@ -330,6 +333,50 @@ static bool good_shape(const struct prt_tensor *t)
            t->n_function == t->n_radial * t->n_phase && t->n_function <= 4096;
 }
 
+static bool good_material(const struct prt_material *m)
+{
+    bool good = memchr(m->name, 0, sizeof m->name) && m->eta >= 1 && m->eta <= 3 &&
+                finite_f32(&m->roughness, 1);
+    for (int k = 0; k < 3; k++)
+        good = good && m->sigma_s_prime[k] >= 0 && m->sigma_a[k] >= 0 &&
+               finite_f32(m->sigma_s_prime, 3) && finite_f32(m->sigma_a, 3) &&
+               fabsf(m->g[k]) < 1;
+    if (m->profile) good = good && !prt_material_check(NULL, m);
+    else good = good && !m->n_point;
+    return good;
+}
+
+static int check_media(const struct check *c)
+{
+    const struct prt_media *media = &c->t->media;
+    if (!media->n || media->n > PRT_MEDIA_MAX || !media->medium ||
+        (media->n > 1 && !media->of_object))
+        return bad(c, "%u media, 1 to %d are known", media->n, PRT_MEDIA_MAX);
+    for (uint32_t i = 0; i < media->n; i++)
+        if (!good_material(&media->medium[i])) return bad(c, "the material is damaged");
+    for (uint32_t i = 0; media->of_object && i < c->t->mesh.n_object; i++)
+        if (media->of_object[i] >= media->n)
+            return bad(c, "object %u has a medium that does not exist", i);
+    return PRT_OK;
+}
+
+// Media are chosen by cluster: with several of them, all vertices of a cluster have one object.
+static int check_cluster_media(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    const struct prt_mesh *m = &c->t->mesh;
+    uint32_t *block = c->t->media.n > 1 ? prt_mesh_vertex_blocks(m) : NULL;
+    bool mixed = false;
+    if (c->t->media.n == 1) return PRT_OK;
+    if (!block) return prt_fail(c->ctx, PRT_NOMEM, "%s: no memory to check it", c->name);
+    for (uint32_t k = 0; k < t->n_cluster; k++) {
+        const uint32_t *vertex = t->order + t->cluster[k].vertex_begin;
+        for (uint32_t v = 1; v < t->cluster[k].n_vertex; v++)
+            mixed |= m->block[block[vertex[v]]].object != m->block[block[vertex[0]]].object;
+    }
+    prt_free(block);
+    return mixed ? bad(c, "tensor %u: a cluster has vertices of two objects", i) : PRT_OK;
+}
+
 static int check_tensor(const struct check *c, uint32_t i)
 {
     const struct prt_tensor *t = &c->t->tensor[i];
@@ -341,25 +388,18 @@ static int check_tensor(const struct check *c, uint32_t i)
     if ((status = check_order(c, i, t)) || (status = check_rows(c, i, t)) ||
         (status = check_basis(c, i, t)))
         return status;
-    return t->storage == PRT_STORAGE_SPARSE ? PRT_OK : check_clusters(c, i, t);
+    if (t->storage == PRT_STORAGE_SPARSE) return PRT_OK;
+    status = check_clusters(c, i, t);
+    return status ? status : check_cluster_media(c, i, t);
 }
 
 int prt_transport_check(const struct prt_context *ctx, const char *name,
                         const struct prt_transport *transport)
 {
     const struct check c = {ctx, name, transport};
-    const struct prt_material *m = &transport->material;
     int status = check_mesh(&c);
+    if (!status) status = check_media(&c);
     if (status) return status;
-    bool good = memchr(m->name, 0, sizeof m->name) && m->eta >= 1 && m->eta <= 3 &&
-                finite_f32(&m->roughness, 1);
-    for (int k = 0; k < 3; k++)
-        good = good && m->sigma_s_prime[k] >= 0 && m->sigma_a[k] >= 0 &&
-               finite_f32(m->sigma_s_prime, 3) && finite_f32(m->sigma_a, 3) &&
-               fabsf(m->g[k]) < 1;
-    if (m->profile) good = good && !prt_material_check(NULL, m);
-    else good = good && !m->n_point;
-    if (!good) return bad(&c, "the material is damaged");
     if (transport->n_tensor < 1 || transport->n_tensor > 4)
         return bad(&c, "%u tensors, 1 to 4 are known", transport->n_tensor);
     if (transport->engine > PRT_TRANSPORT_JOINT)

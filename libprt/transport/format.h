@@ -13,7 +13,7 @@ enum {
     FORMAT_VERSION = PRT_FILE_VERSION,
     FORMAT_ENDIAN = 0x01020304,
     FORMAT_ALIGN = 64,
-    FORMAT_MAX_SECTION = 128,
+    FORMAT_MAX_SECTION = 256,
 };
 #define FORMAT_MAGIC "\x89PRT\r\n\x1a\n"
 
@@ -48,7 +48,7 @@ enum format_section_type {
     SECTION_ROW_SCALING,
     SECTION_KNOT,
     SECTION_BASIS,
-    SECTION_PROFILE, // of a material with its own R_d
+    SECTION_PROFILE, // of a material with its own R_d; its number in place of the tensor's
     // of low-rank rows
     SECTION_ROW_SHIFT,
     SECTION_ROW_DIRECTION,
@@ -61,8 +61,12 @@ enum format_section_type {
     SECTION_MAPS,
     SECTION_IMAGE,
     SECTION_TEXEL,
-    SECTION_CAMERA,  // the model's own cameras; missing where it has none
-    SECTION_BLOCKED, // sky that the model hides from its vertices
+    SECTION_CAMERA, // the model's own cameras; missing where it has none
+    SECTION_OBJECT, // names; missing where no object has one
+    // of several media; files with one have neither
+    SECTION_MEDIA,     // the second medium and so on
+    SECTION_MEDIUM_OF, // a byte an object
+    SECTION_BLOCKED,   // sky that the model hides from its vertices
 };
 
 struct format_section {
@@ -87,8 +91,8 @@ struct format_info {
     float mm_per_unit;
     uint32_t units_known, n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     uint32_t cube, engine, n_tensor;
-    struct format_material material;
-    float texture_split; // 0 in files from before textures
+    struct format_material material; // the first medium
+    float texture_split;             // 0 in files from before textures
     uint64_t mesh_hash;
 };
 
@@ -109,6 +113,7 @@ _Static_assert(sizeof(struct prt_surface) == 92, "surface");
 _Static_assert(sizeof(struct prt_texture_image) == 48, "texture image");
 _Static_assert(sizeof(struct prt_surface_maps) == 5 * 36 + 16, "surface maps");
 _Static_assert(sizeof(struct prt_mesh_camera) == 104, "camera");
+_Static_assert(sizeof(struct prt_object) == 64, "object");
 _Static_assert(sizeof(struct prt_cluster) == 24, "cluster");
 
 static inline uint64_t format_padded(uint64_t bytes)

@@ -21,6 +21,7 @@ struct prt_file {
     const struct format_section *section;
     uint32_t n_section, n_taken;
     struct prt_transport transport;
+    struct prt_material *medium; // owned: the transport's media
 };
 
 static int bad_header(const struct prt_context *ctx, const char *name, const char *what)
@@ -219,6 +220,8 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     TAKE(f, SECTION_SURFACE, 0, (uint64_t)sizeof *m->surface * m->n_surface, m->surface);
     if (has_blocked)
         TAKE(f, SECTION_BLOCKED, 0, sizeof *m->blocked * (uint64_t)m->n_vertex, m->blocked);
+    if (bytes_of(f, SECTION_OBJECT))
+        TAKE(f, SECTION_OBJECT, 0, (uint64_t)sizeof *m->object * m->n_object, m->object);
     int status = take_cameras(f);
     return status ? status : take_textures(f, m);
 }
@@ -291,20 +294,15 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     return take_rows(f, i, ft, &t->rows);
 }
 
-static int take_material(struct prt_file *f, const struct format_material *core)
+static int take_profile(struct prt_file *f, uint32_t index, struct prt_material *m)
 {
-    struct prt_material *m = &f->transport.material;
     const struct format_profile *p = NULL;
     uint64_t bytes = 0;
-    *m = (struct prt_material){.eta = core->eta, .roughness = core->roughness};
-    memcpy(m->name, core->name, sizeof m->name);
-    memcpy(m->sigma_s_prime, core->sigma_s_prime, sizeof m->sigma_s_prime);
-    memcpy(m->sigma_a, core->sigma_a, sizeof m->sigma_a);
-    memcpy(m->g, core->g, sizeof m->g);
     for (uint32_t i = 0; i < f->n_section; i++)
-        if (f->section[i].type == SECTION_PROFILE) bytes = f->section[i].bytes;
+        if (f->section[i].type == SECTION_PROFILE && f->section[i].tensor == index)
+            bytes = f->section[i].bytes;
     if (!bytes) return PRT_OK;
-    TAKE(f, SECTION_PROFILE, 0, bytes, p);
+    TAKE(f, SECTION_PROFILE, index, bytes, p);
     if (bytes < sizeof *p || p->n_point > PRT_MATERIAL_MAX_POINT || !p->kind ||
         bytes != sizeof *p + 16ull * p->n_point)
         return bad_header(f->ctx, f->name, "the material's profile is damaged");
@@ -317,6 +315,35 @@ static int take_material(struct prt_file *f, const struct format_material *core)
     return PRT_OK;
 }
 
+static int take_material(struct prt_file *f, uint32_t index, const struct format_material *core)
+{
+    struct prt_material *m = &f->medium[index];
+    *m = (struct prt_material){.eta = core->eta, .roughness = core->roughness};
+    memcpy(m->name, core->name, sizeof m->name);
+    memcpy(m->sigma_s_prime, core->sigma_s_prime, sizeof m->sigma_s_prime);
+    memcpy(m->sigma_a, core->sigma_a, sizeof m->sigma_a);
+    memcpy(m->g, core->g, sizeof m->g);
+    return take_profile(f, index, m);
+}
+
+// prt_transport_check holds the numbers to their ranges.
+static int take_media(struct prt_file *f, const struct format_info *info)
+{
+    const struct format_material *more = NULL;
+    const uint8_t *of_object = NULL;
+    uint64_t bytes = bytes_of(f, SECTION_MEDIA), n = 1 + bytes / sizeof *more;
+    if (bytes % sizeof *more || n > PRT_MEDIA_MAX)
+        return bad_header(f->ctx, f->name, "its media are damaged");
+    TAKE(f, SECTION_MEDIA, 0, bytes, more);
+    TAKE(f, SECTION_MEDIUM_OF, 0, n > 1 ? info->n_object : 0, of_object);
+    f->medium = prt_alloc(n, sizeof *f->medium);
+    if (!f->medium) return prt_fail(f->ctx, PRT_NOMEM, "%s: no memory to open it", f->name);
+    int status = take_material(f, 0, &info->material);
+    for (uint32_t i = 1; i < n && !status; i++) status = take_material(f, i, &more[i - 1]);
+    f->transport.media = (struct prt_media){(uint32_t)n, f->medium, of_object};
+    return status;
+}
+
 static int take_all(struct prt_file *f)
 {
     struct prt_transport *t = &f->transport;
@@ -326,7 +353,7 @@ static int take_all(struct prt_file *f)
     if (info->n_tensor < 1 || info->n_tensor > 4)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: %u tensors, 1 to 4 are known", f->name,
                         info->n_tensor);
-    if ((status = take_material(f, &info->material))) return status;
+    if ((status = take_media(f, info))) return status;
     t->cube = info->cube;
     t->engine = info->engine;
     t->n_tensor = info->n_tensor;
@@ -366,6 +393,7 @@ int prt_file_open_memory(const struct prt_context *ctx, const char *name, const 
     f->size = n;
     int status = open_bytes(f, check);
     if (status) {
+        prt_free(f->medium);
         prt_free(f);
         return status;
     }
@@ -419,6 +447,7 @@ void prt_file_close(struct prt_file *file)
 {
     if (!file) return;
     if (file->mapped) munmap((void *)(uintptr_t)file->bytes, file->size);
+    prt_free(file->medium);
     prt_free(file);
 }
 

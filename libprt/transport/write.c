@@ -13,10 +13,11 @@ struct layout {
     uint32_t n;
     struct format_info info;
     struct format_tensor tensor[4];
+    struct format_material more[PRT_MEDIA_MAX - 1]; // all media but the first
     struct {
         struct format_profile head;
         float value[4 * PRT_MATERIAL_MAX_POINT];
-    } profile;
+    } profile[PRT_MEDIA_MAX];
 };
 
 static const char zeros[FORMAT_ALIGN];
@@ -40,6 +41,8 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     put(l, SECTION_SURFACE, 0, m->surface, (uint64_t)sizeof *m->surface * m->n_surface);
     if (m->blocked)
         put(l, SECTION_BLOCKED, 0, m->blocked, sizeof *m->blocked * (uint64_t)m->n_vertex);
+    if (m->object)
+        put(l, SECTION_OBJECT, 0, m->object, (uint64_t)sizeof *m->object * m->n_object);
     put(l, SECTION_CAMERA, 0, m->camera, (uint64_t)sizeof *m->camera * m->n_camera);
     if (m->n_uv > 1 && m->uv_more)
         put(l, SECTION_UV_MORE, 0, m->uv_more, 8ull * (m->n_uv - 1) * m->n_vertex);
@@ -109,15 +112,26 @@ static struct format_material core_of(const struct prt_material *m)
     return out;
 }
 
-static void put_profile(struct layout *l, const struct prt_material *m)
+static void put_profile(struct layout *l, uint32_t i, const struct prt_material *m)
 {
     const size_t n = m->n_point, row = n * sizeof(float);
     if (!m->profile) return;
-    l->profile.head = (struct format_profile){m->profile, m->n_point};
-    memcpy(l->profile.value, m->radius, row);
+    l->profile[i].head = (struct format_profile){m->profile, m->n_point};
+    memcpy(l->profile[i].value, m->radius, row);
     for (size_t c = 0; c < 3; c++)
-        memcpy(l->profile.value + (c + 1) * n, m->reflectance[c], row);
-    put(l, SECTION_PROFILE, 0, &l->profile, sizeof l->profile.head + 4 * row);
+        memcpy(l->profile[i].value + (c + 1) * n, m->reflectance[c], row);
+    put(l, SECTION_PROFILE, i, &l->profile[i], sizeof l->profile[i].head + 4 * row);
+}
+
+static void put_media(struct layout *l, const struct prt_media *media, uint32_t n_object)
+{
+    for (uint32_t i = 0; i < media->n; i++) {
+        if (i) l->more[i - 1] = core_of(&media->medium[i]);
+        put_profile(l, i, &media->medium[i]);
+    }
+    if (media->n == 1) return;
+    put(l, SECTION_MEDIA, 0, l->more, (media->n - 1) * sizeof *l->more);
+    put(l, SECTION_MEDIUM_OF, 0, media->of_object, n_object);
 }
 
 static int build(const struct prt_context *ctx, const char *path, const struct prt_transport *t,
@@ -139,11 +153,11 @@ static int build(const struct prt_context *ctx, const char *path, const struct p
                                    .cube = t->cube,
                                    .engine = t->engine,
                                    .n_tensor = t->n_tensor,
-                                   .material = core_of(&t->material),
+                                   .material = core_of(&t->media.medium[0]),
                                    .texture_split = m->texture_split,
                                    .mesh_hash = t->mesh_hash};
     put(l, SECTION_INFO, 0, &l->info, sizeof l->info);
-    put_profile(l, &t->material);
+    put_media(l, &t->media, m->n_object);
     const char *settings = t->settings ? t->settings : "{}";
     const char *errors = t->errors ? t->errors : "{}";
     put(l, SECTION_SETTINGS, 0, settings, strlen(settings) + 1);

@@ -98,7 +98,7 @@ static int write_mesh(const struct prt_context *ctx, const char *out,
 {
     struct prt_cluster all = {.n_vertex = mesh->n_vertex};
     struct prt_transport t = {.mesh = *mesh,
-                              .material = *material,
+                              .media = prt_media_one(material),
                               .cube = 16,
                               .engine = PRT_TRANSPORT_JOINT,
                               .n_tensor = 1,

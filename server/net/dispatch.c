@@ -20,6 +20,11 @@ static const char *load_material(const ProtobufCMessage *message)
     return ((const Relight__LoadRequest *)message)->material;
 }
 
+static const char *own_material(const ProtobufCMessage *message)
+{
+    return ((const Relight__MaterialRequest *)message)->material;
+}
+
 static const char *shade_material(const Relight__Shade *shade)
 {
     return shade ? shade->material : "";
@@ -93,6 +98,7 @@ ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 ROW(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)
 ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
 ROW(factors_request, op_factors, GUEST, VIEW, 0, NULL)
+ROW(material_request, op_material, GUEST, VIEW, 0, own_material)
 ROW(room_create_request, op_room_create, 0, EDIT, 0, NULL)
 ROW(room_list_request, op_room_list, GUEST, VIEW, 0, NULL)
 ROW(room_get_request, op_room_get, GUEST, VIEW, 0, NULL)

@@ -84,6 +84,7 @@ void op_token_revoke(struct request *request);
 void op_subscribe(struct request *request);
 void op_get_blob(struct request *request);
 void op_put_pose(struct request *request);
+void op_material(struct request *request);
 void op_room_create(struct request *request);
 void op_room_list(struct request *request);
 void op_room_get(struct request *request);

@@ -137,6 +137,15 @@ void exchange_work(struct exchange *x, struct payload *payload, uint32_t n_verte
                    const char *type,
                    int (*run)(struct work *work, const struct prt_context *ctx));
 
+/* ---- between exchange.c and exchange_admit.c */
+
+/* Finds the route and the caller, opens the connection of an operation and makes its message,
+ * or answers a page. False with *problem, or with an answer set (x->status). */
+bool exchange_admit(struct exchange *x, struct http_problem *problem);
+/* Opens x->conn for the caller, charged to its limits. */
+bool exchange_connect(struct exchange *x, const struct caller *caller,
+                      struct http_problem *problem);
+
 /* ---- routes.c */
 
 /* The route of a method and path, with x->id and x->ending filled. NULL with *problem: 404, or

@@ -2,7 +2,7 @@
 // Errors as HTTP answers.
 #include "net/http_problem.h"
 
-#include "net/message_text.h"
+#include "message_text.h"
 
 #include <cjson/cJSON.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 // Answers of operations as HTTP, and the pages that need none.
 #include "net/routes.h"
 
-#include "net/message_text.h"
+#include "message_text.h"
 #include "net/openapi.h"
 #include "relight.pb-c.h"
 #include "vertex_file.h"

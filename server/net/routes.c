@@ -3,7 +3,7 @@
 // net/route_answers.c turns the answers into HTTP.
 #include "net/routes.h"
 
-#include "net/message_text.h"
+#include "message_text.h"
 #include "net/page_files.h"
 #include "relight.pb-c.h"
 

@@ -4,7 +4,7 @@
 
 #include "net/dispatch.h"
 #include "net/http_problem.h"
-#include "net/message_text.h"
+#include "message_text.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -26,9 +26,9 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "coefficients", "env-cube", "error-range", "events",     "get-blob",
-        "goaway",       "poses",    "rooms",       "run",        "sign",
-        "textures",     "tokens",   "view-ack",    "view-equal", "view-fields",
+        "coefficients", "env-cube", "error-range", "events",      "get-blob", "goaway",
+        "material",     "poses",    "rooms",       "run",         "sign",     "textures",
+        "tokens",       "view-ack", "view-equal",  "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
@@ -370,7 +370,7 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
         fill_info(m, request->conn->principal->name, text);
-        prt_material_print(&t->material, text->material, sizeof text->material);
+        prt_material_print(t->media.medium, text->material, sizeof text->material);
         text->info.material = text->material;
         bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
         text->info.settings = (char *)(baked && t->settings ? t->settings : "");

@@ -6,7 +6,7 @@
 // a LOAD or a bake that fails leaves the earlier one in its place.
 #include "core/log.h"
 #include "net/dispatch.h"
-#include "net/message_text.h"
+#include "message_text.h"
 #include "net/request.h"
 #include "relight.pb-c.h"
 #include "store/disk.h"

@@ -39,15 +39,18 @@ static float single_error(const struct render *r)
 static float total_error(const struct render *r)
 {
     const struct model_facts *f = &r->model->facts;
-    const struct prt_material *m =
-        r->spec.has_material ? &r->spec.material : &render_transport(r)->material;
-    double multiple, single;
+    const struct prt_media given = prt_media_one(&r->spec.material);
+    const struct prt_media *media = r->spec.has_material ? &given : &render_transport(r)->media;
+    double larger = fmax((double)f->error_multiple, (double)single_error(r)), worst = 0;
     if (f->error_total > 0) return f->error_total;
     if (!(f->error_single > 0)) return f->error_multiple; // no single scattering was baked
-    half_space_radiance(m, &multiple, &single);
-    double sum = (double)f->error_multiple * multiple + (double)single_error(r) * single;
-    double larger = fmax((double)f->error_multiple, (double)single_error(r));
-    return (float)fmin(larger, sum / fmax(hypot(multiple, single), 1e-30));
+    for (uint32_t i = 0; i < media->n; i++) {
+        double multiple, single;
+        half_space_radiance(&media->medium[i], &multiple, &single);
+        double sum = (double)f->error_multiple * multiple + (double)single_error(r) * single;
+        worst = fmax(worst, sum / fmax(hypot(multiple, single), 1e-30));
+    }
+    return (float)fmin(larger, worst);
 }
 
 float bake_error(const struct render *r)

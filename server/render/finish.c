@@ -78,13 +78,12 @@ static int point_radiance(const struct render *r, const float (**rgb)[3])
 static int shade(const struct render *r, const struct prt_context *ctx,
                  const struct prt_specular *specular, struct prt_image *image)
 {
-    const struct prt_material *material = r->spec.has_material ? &r->spec.material
-                                          : r->screen          ? render_shape(r)->material
-                                                               : &render_transport(r)->material;
+    const struct prt_media media = r->spec.has_material ? prt_media_one(&r->spec.material)
+                                   : r->screen          ? *render_shape(r)->media
+                                                        : render_transport(r)->media;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
     struct prt_shade shade = {.transparent = r->spec.transparent,
-                              .eta = material->eta,
-                              .roughness = material->roughness,
+                              .media = media,
                               .fresnel = total,
                               .specular = specular,
                               .background =
@@ -227,7 +226,8 @@ static void set_coefficients(struct render *r)
     static const enum prt_answer_term term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL,
                                                 PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
     out->factors = prt_file_hash(r->file.entry->value);
-    prt_outgoing_of(render_transport(r), r->spec.has_material ? &r->spec.material : NULL,
+    prt_outgoing_of(r->spec.has_material ? &r->spec.material
+                                         : render_transport(r)->media.medium,
                     term[r->spec.term], PRT_EXIT_NORMALISED, &out->outgoing);
 }
 

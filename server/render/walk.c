@@ -161,7 +161,7 @@ static int depend_on_images(struct render *r, char error[300])
     for (int k = 0; !code && r->screen && k < 3; k++) {
         if (!r->spec.map[k][0]) continue;
         const struct prt_material *material =
-            r->spec.has_material ? &r->spec.material : render_shape(r)->material;
+            r->spec.has_material ? &r->spec.material : render_shape(r)->media->medium;
         struct cache_entry *entry =
             surface_map_get(r->server, (enum prt_screen_map_kind)k, r->spec.map[k], material,
                             r->spec.bump_mm, &code, error);

@@ -351,7 +351,8 @@ static const Relight__Scene *find_scene(const Relight__RoomState *state,
 }
 
 // The IMAGE request of a scene; the engine that was seen draws it.
-static ProtobufCMessage *image_of(const Relight__Scene *scene, const Relight__Seen *seen,
+static ProtobufCMessage *image_of(const struct server *server, const Relight__Scene *scene,
+                                  const Relight__Seen *seen,
                                   const Relight__RoomPictureRequest *in)
 {
     Relight__ImageRequest out = RELIGHT__IMAGE_REQUEST__INIT;
@@ -361,7 +362,7 @@ static ProtobufCMessage *image_of(const Relight__Scene *scene, const Relight__Se
     if (scene->picture) picture = *scene->picture;
     shade.material = scene->material;
     shade.budget_ms = 0; // a picture that was cut short is not the same again
-    if (seen && seen->engine) shade.engine = seen->engine;
+    shade.engine = seen && seen->engine ? seen->engine : scene_engine(server, scene);
     picture.camera = scene->camera;
     picture.format = in->format == RELIGHT__IMAGE_FORMAT__IMAGE_JPEG
                          ? RELIGHT__IMAGE_FORMAT__IMAGE_PNG
@@ -392,7 +393,7 @@ static void picture(struct request *request, struct room *room)
                      "the scene has no model: set it first");
         return;
     }
-    ProtobufCMessage *image = image_of(scene, seen, in);
+    ProtobufCMessage *image = image_of(request->server, scene, seen, in);
     if (!image) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;

@@ -128,6 +128,9 @@ void room_edit(struct request *request, struct room *room, const Relight__RoomAc
 void edits_again(struct room *room);
 
 /* room_seen.c */
+/* The engine that draws a scene of which no picture was seen: the scene's, else the bake's
+ * (DEFAULT), else splats, whose pictures do not depend on the machine's speed. */
+Relight__Engine scene_engine(const struct server *server, const Relight__Scene *scene);
 /* Fills in what made the picture of a scene, then calls fn with it; else answers the request.
  */
 typedef void (*seen_fn)(struct request *request, struct room *room, const Relight__Seen *seen);

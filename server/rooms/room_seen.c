@@ -18,13 +18,25 @@ struct seen_wait {
     seen_fn fn;
 };
 
+Relight__Engine scene_engine(const struct server *server, const Relight__Scene *scene)
+{
+    const struct model *model = models_get(server->models, scene->model);
+    int state = model ? model_state(model) : 0;
+    bool baked = state == RELIGHT__MODEL_STATE__MODEL_READY ||
+                 state == RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+    if (scene->shade && scene->shade->engine) return scene->shade->engine;
+    return baked ? RELIGHT__ENGINE__ENGINE_DEFAULT : RELIGHT__ENGINE__ENGINE_SPLAT;
+}
+
 static void fill_and_go(struct seen_wait *w, struct request *request)
 {
     const struct prt_file *file = w->wait.entry->value;
     const struct prt_transport *t = prt_file_transport(file);
     Relight__Seen seen = RELIGHT__SEEN__INIT;
     char mesh[17], bake[17] = "";
-    bool baked = model_state(w->model) == RELIGHT__MODEL_STATE__MODEL_READY;
+    int state = model_state(w->model);
+    bool baked = state == RELIGHT__MODEL_STATE__MODEL_READY ||
+                 state == RELIGHT__MODEL_STATE__MODEL_UNLOADED;
     static const int engines[] = {RELIGHT__ENGINE__ENGINE_WAVELET,
                                   RELIGHT__ENGINE__ENGINE_POLYNOMIAL,
                                   RELIGHT__ENGINE__ENGINE_JOINT};
@@ -34,7 +46,7 @@ static void fill_and_go(struct seen_wait *w, struct request *request)
     seen.mesh_hash = mesh;
     seen.bake_hash = bake;
     seen.server = (char *)(uintptr_t)RELIGHT_VERSION;
-    if (w->scene->shade) seen.engine = w->scene->shade->engine;
+    seen.engine = scene_engine(request->server, w->scene);
     if (!seen.engine && baked && t->engine < 3)
         seen.engine = (Relight__Engine)engines[t->engine];
     w->fn(request, w->room, &seen);

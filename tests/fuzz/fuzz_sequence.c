@@ -288,10 +288,11 @@ static void write_bakes(void)
                                                            .coefs = 4}};
     struct prt_context ctx;
     prt_context_init(&ctx);
+    const struct prt_material medium = {.eta = 1.3f};
     for (unsigned i = 0; i < N_BAKE; i++) {
         struct prt_transport t = {.cube = 16,
                                   .n_tensor = 1,
-                                  .material = {.eta = 1.3f},
+                                  .media = {1, &medium, NULL},
                                   .engine = i ? PRT_TRANSPORT_JOINT : PRT_TRANSPORT_WAVELET,
                                   .settings = "{}",
                                   .errors = "{}"};

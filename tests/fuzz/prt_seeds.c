@@ -36,7 +36,8 @@ int main(int argc, char **argv)
     if (argc != 2) return 2;
     mkdir(argv[1], 0777);
     for (size_t i = 0; i < sizeof kind / sizeof *kind; i++) {
-        struct prt_transport t = {.cube = 4, .n_tensor = 1, .material = {.eta = 1.3f}};
+        const struct prt_material medium = {.eta = 1.3f};
+        struct prt_transport t = {.cube = 4, .n_tensor = 1, .media = prt_media_one(&medium)};
         struct synthetic_options o = kind[i];
         o.cube = 4;
         o.n_vertex = 21;

@@ -64,10 +64,19 @@ static struct prt_material medium(const char *name)
     return m;
 }
 
+// The same in memory that lasts: of the last eight calls.
+static const struct prt_material *kept(const char *name)
+{
+    static struct prt_material m[8];
+    static unsigned n;
+    m[n++ % 8] = medium(name);
+    return &m[(n - 1) % 8];
+}
+
 static struct prt_bake_options options(const char *name)
 {
     return (struct prt_bake_options){
-        .material = medium(name), .n_sample = 12000, .cube = 16, .seed = 1};
+        .media = prt_media_one(kept(name)), .n_sample = 12000, .cube = 16, .seed = 1};
 }
 
 static float (*reference(const struct prt_mesh *mesh, const struct prt_material *m,
@@ -76,7 +85,8 @@ static float (*reference(const struct prt_mesh *mesh, const struct prt_material 
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
     struct prt_reference_options o = {
         .term = term, .n_sample = 40000, .n_ray = 1024, .n_single = 2048, .seed = 31};
-    assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
+    const struct prt_media media = prt_media_one(m);
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, light, &o, color), PRT_OK);
     return color;
 }
 
@@ -102,11 +112,11 @@ static void factored_agrees_with_the_reference(void **state)
     struct prt_cube light = light_of(16);
     assert_int_equal(prt_bake(&context, mesh, &o, file("a.prt")), PRT_OK);
     struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
-    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
+    float(*want)[3] = reference(mesh, o.media.medium, &light, PRT_REFERENCE_MULTIPLE);
     double multiple = error_of(file("a.prt"), &q, (const float(*)[3])want);
     free(want);
     q.term = PRT_ANSWER_SINGLE;
-    want = reference(mesh, &o.material, &light, PRT_REFERENCE_SINGLE);
+    want = reference(mesh, o.media.medium, &light, PRT_REFERENCE_SINGLE);
     double single = error_of(file("a.prt"), &q, (const float(*)[3])want);
     free(want);
     print_message("factored: multiple %.2f %%, single %.2f %%\n", 100 * multiple, 100 * single);
@@ -127,7 +137,7 @@ static void sparse_converges_to_the_reference(void **state)
     o.n_coef = 96;
     assert_int_equal(prt_bake(&context, mesh, &o, file("s.prt")), PRT_OK);
     struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
-    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
+    float(*want)[3] = reference(mesh, o.media.medium, &light, PRT_REFERENCE_MULTIPLE);
     double coarse = error_of(file("s.prt"), &q, (const float(*)[3])want);
     o.n_coef = 1536;
     assert_int_equal(prt_bake(&context, mesh, &o, file("s.prt")), PRT_OK);
@@ -152,7 +162,8 @@ static void joint_serves_every_medium(void **state)
     assert_int_equal(prt_bake(&context, mesh, &o, file("j.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
         struct prt_material m = medium(name[i]);
-        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light, .material = &m};
+        struct prt_query q = {
+            .term = PRT_ANSWER_MULTIPLE, .light = &light, .media = prt_media_one(&m)};
         float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_MULTIPLE);
         double multiple = error_of(file("j.prt"), &q, (const float(*)[3])want);
         free(want);
@@ -183,7 +194,7 @@ static void polynomial_serves_every_medium(void **state)
     assert_int_equal(prt_bake(&context, mesh, &o, file("p.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
         struct prt_material m = medium(name[i]);
-        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .material = &m};
+        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .media = prt_media_one(&m)};
         float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_MULTIPLE);
         double multiple = error_of(file("p.prt"), &q, (const float(*)[3])want);
         free(want);
@@ -211,7 +222,7 @@ static void an_open_body_is_lit_like_others(void **state)
     o.n_sample = 2000;
     assert_int_equal(prt_bake(&context, closed, &o, file("closed.prt")), PRT_OK);
     assert_int_equal(prt_bake(&context, open, &o, file("open.prt")), PRT_OK);
-    struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = &light, .material = &o.material};
+    struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = &light, .media = o.media};
     float most[2] = {0, 0};
     for (int i = 0; i < 2; i++) {
         struct prt_file *f;
@@ -295,7 +306,9 @@ static void nonsense_is_refused(void **state)
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
     o = options("marble"), o.max_error = 3;
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
-    o = options("marble"), o.material.sigma_a[1] = -1;
+    struct prt_material wrong = medium("marble");
+    wrong.sigma_a[1] = -1;
+    o = options("marble"), o.media = prt_media_one(&wrong);
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
     o = options("marble"), o.engine = PRT_TRANSPORT_POLYNOMIAL;
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);

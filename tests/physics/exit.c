@@ -101,8 +101,7 @@ static struct furnace furnace_of(const struct scene *s, const struct prt_image *
 static struct prt_shade shade_of(const struct scene *s, const struct prt_material *m)
 {
     return (struct prt_shade){.n_plane = 1,
-                              .eta = m->eta,
-                              .roughness = 0.3f,
+                              .media = prt_media_one(m),
                               .fresnel = true,
                               .specular = s->specular,
                               .background_rgb = {1, 1, 1}};
@@ -130,7 +129,7 @@ static void vertices_of_a_white_ball(void **state)
         struct scene s = scene_of(ball(), (const float[]){300, 400, 300});
         struct prt_material m = white_profile(k ? 1.5 : 1.3);
         struct prt_bake_options bake = {
-            .material = m, .n_sample = 20000, .cube = 16, .max_error = 0.002};
+            .media = prt_media_one(&m), .n_sample = 20000, .cube = 16, .max_error = 0.002};
         struct prt_reference_options o = {
             .term = PRT_REFERENCE_TOTAL, .no_exit = true, .n_sample = 20000, .n_ray = 512};
         float(*plane)[3] = calloc(s.mesh->n_vertex, sizeof *plane);
@@ -148,7 +147,8 @@ static void vertices_of_a_white_ball(void **state)
                                  PRT_OK);
             else
                 assert_int_equal(
-                    prt_reference_colors(&context, s.mesh, &m, &s.light, &o, plane), PRT_OK);
+                    prt_reference_colors(&context, s.mesh, &bake.media, &s.light, &o, plane),
+                    PRT_OK);
             assert_int_equal(n_plane, 1);
             shade.planes = plane[0];
             assert_int_equal(prt_shade_image(&context, s.visibility, s.mesh, &shade, &image),
@@ -180,7 +180,7 @@ static void pixels_of_a_white_ball(void **state)
         if (engine == PRT_SCREEN_TANGENT) continue;
         struct prt_screen_options o = {.engine = (enum prt_screen_engine)engine};
         struct prt_screen_input input = {
-            .visibility = s.visibility, .material = &m, .cube = &s.light};
+            .visibility = s.visibility, .media = prt_media_one(&m), .cube = &s.light};
         struct prt_shade shade = shade_of(&s, &m);
         struct prt_image image;
         assert_int_equal(prt_screen_image(&context, screen, &input, &o, &shade, &image, NULL),
@@ -216,7 +216,8 @@ static struct furnace clear_body(struct prt_mesh *mesh)
                                       .n_single = 16,
                                       .n_walk = 512};
     struct prt_image image;
-    assert_int_equal(prt_reference_colors(&context, s.mesh, &clear, &s.light, &o, plane),
+    const struct prt_media media = prt_media_one(&clear);
+    assert_int_equal(prt_reference_colors(&context, s.mesh, &media, &s.light, &o, plane),
                      PRT_OK);
     struct prt_shade shade = shade_of(&s, &clear);
     shade.planes = plane[0];

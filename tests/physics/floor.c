@@ -109,10 +109,10 @@ static struct prt_image shade(bool transparent, const float *shadow)
     struct prt_image image;
     float *plane = prt_alloc(ball->n_vertex, 12);
     for (uint32_t i = 0; i < 3 * ball->n_vertex; i++) plane[i] = 0.5f;
+    const struct prt_material surface = {.eta = 1.3f, .roughness = 0.3f};
     struct prt_shade s = {.n_plane = 1,
                           .planes = plane,
-                          .eta = 1.3f,
-                          .roughness = 0.3f,
+                          .media = prt_media_one(&surface),
                           .background_rgb = {1, 2, 4},
                           .transparent = transparent,
                           .shadow = shadow};

@@ -172,8 +172,10 @@ static void nodes_are_sums_of_samples(void **state)
 // Law: the irradiance of a node is the mean over its samples by area (METHODS §3.3, W05 eq 8)
 static void rows_of_nodes_are_means(void **state)
 {
+    const struct prt_material medium = {.eta = 1.3f};
+    const struct prt_media media = prt_media_one(&medium);
     struct irradiance_source from = {
-        .surface = surface, .hierarchy = hierarchy, .eta = 1.3, .room = SIZE_MAX};
+        .surface = surface, .hierarchy = hierarchy, .media = &media, .room = SIZE_MAX};
     struct prt_scene *scene;
     struct directions *d;
     struct half_rows rows;

@@ -84,14 +84,17 @@ static void furnace(const struct prt_material *m, double albedo[3])
     struct prt_mesh *mesh = body_mesh(&context, &body, false);
     assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
     for (int i = 0; i < 6 * 16 * 16 * 3; i++) light.texel[i] = 1;
+    const struct prt_media media = prt_media_one(m);
     struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE,
                                       .n_sample = 150000,
                                       .n_ray = 256,
                                       .vertex = &vertex,
                                       .n_vertex = 1};
-    assert_int_equal(prt_reference_colors(&context, mesh, m, &light, &o, multiple), PRT_OK);
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, &light, &o, multiple),
+                     PRT_OK);
     o.term = PRT_REFERENCE_IRRADIANCE;
-    assert_int_equal(prt_reference_colors(&context, mesh, m, &light, &o, irradiance), PRT_OK);
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, &light, &o, irradiance),
+                     PRT_OK);
     for (int c = 0; c < 3; c++)
         albedo[c] = M_PI * (double)multiple[0][c] / (double)irradiance[0][c];
     prt_cube_finish(&light);

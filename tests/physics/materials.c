@@ -99,9 +99,18 @@ static void write_scene(const char *path, const char *bin)
     assert_int_equal(fclose(f), 0);
 }
 
+// The same in memory that lasts: of the last eight calls.
+static const struct prt_material *kept(const char *name)
+{
+    static struct prt_material m[8];
+    static unsigned n;
+    m[n++ % 8] = medium(name);
+    return &m[(n - 1) % 8];
+}
+
 static struct prt_bake_options options(const char *material)
 {
-    return (struct prt_bake_options){.material = medium(material),
+    return (struct prt_bake_options){.media = prt_media_one(kept(material)),
                                      .n_sample = 8000,
                                      .cube = 16,
                                      .seed = 1,
@@ -172,7 +181,7 @@ static float (*ask(const struct prt_transport *t, const struct prt_material *m,
 {
     float(*out)[3] = calloc(t->mesh.n_vertex, sizeof *out);
     struct prt_query q = {.term = term,
-                          .material = m,
+                          .media = m ? prt_media_one(m) : (struct prt_media){0},
                           .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &light};
     int status = prt_answer_colors(&context, t, &q, out);
     if (status) fail_msg("%s", said);
@@ -184,7 +193,8 @@ static float (*truth(const struct prt_material *m))[3]
     float(*out)[3] = calloc(mesh->n_vertex, sizeof *out);
     struct prt_reference_options o = {
         .term = PRT_REFERENCE_MULTIPLE, .n_sample = 30000, .n_ray = 1024, .seed = 7};
-    assert_int_equal(prt_reference_colors(&context, mesh, m, &light, &o, out), PRT_OK);
+    const struct prt_media media = prt_media_one(m);
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, &light, &o, out), PRT_OK);
     return out;
 }
 
@@ -259,7 +269,9 @@ static void profiles_in_dipole_bakes(void **state)
             struct prt_file *f = open_prt(engine[e]);
             const struct prt_transport *t = prt_file_transport(f);
             double bound = 0;
-            int status = prt_answer_material_error(&context, t, &m, PRT_ANSWER_TOTAL, &bound);
+            const struct prt_media media = prt_media_one(&m);
+            int status =
+                prt_answer_material_error(&context, t, &media, PRT_ANSWER_TOTAL, &bound);
             if (status) { // the curve's corners are too much for a basis of dipoles
                 assert_int_equal(status, PRT_ARG);
                 assert_non_null(strstr(said, "profile"));
@@ -297,18 +309,18 @@ static void own_profile_is_exact(void **state)
         assert_int_equal(prt_bake(&context, mesh, &o, file("own.prt")), PRT_OK);
         struct prt_file *f = open_prt("own.prt");
         const struct prt_transport *t = prt_file_transport(f);
-        assert_true(prt_material_hash(&t->material) == prt_material_hash(&o.material));
-        assert_int_equal(t->material.profile, o.material.profile);
-        float(*want)[3] = truth(&o.material), (*got)[3] = ask(t, NULL, PRT_ANSWER_MULTIPLE);
+        assert_true(prt_material_hash(t->media.medium) == prt_material_hash(o.media.medium));
+        assert_int_equal(t->media.medium->profile, o.media.medium->profile);
+        float(*want)[3] = truth(o.media.medium), (*got)[3] = ask(t, NULL, PRT_ANSWER_MULTIPLE);
         double error = ERROR(got, want, false), bound = 0;
         if (e != 1)
             assert_int_equal(
-                prt_answer_material_error(&context, t, &o.material, PRT_ANSWER_TOTAL, &bound),
+                prt_answer_material_error(&context, t, &o.media, PRT_ANSWER_TOTAL, &bound),
                 PRT_OK);
-        print_message("%s baked with: %.2f %%, bound %.3f %%\n", o.material.name, 100 * error,
-                      100 * bound);
+        print_message("%s baked with: %.2f %%, bound %.3f %%\n", o.media.medium->name,
+                      100 * error, 100 * bound);
         expect_below("misplaced light", bound, 0.004);
-        expect_below(expect_name("%s: relative RMSE", o.material.name), error, 0.01);
+        expect_below(expect_name("%s: relative RMSE", o.media.medium->name), error, 0.01);
         free(want), free(got);
         prt_file_close(f);
     }
@@ -337,12 +349,13 @@ static void beyond_the_range(void **state)
             struct prt_file *f = open_prt(engine[e]);
             const struct prt_transport *t = prt_file_transport(f);
             float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
-            struct prt_query q = {
-                .term = PRT_ANSWER_MULTIPLE, .material = &m, .light = e == 2 ? NULL : &light};
+            struct prt_query q = {.term = PRT_ANSWER_MULTIPLE,
+                                  .media = prt_media_one(&m),
+                                  .light = e == 2 ? NULL : &light};
             double bound = 0;
             said[0] = 0;
             int status =
-                prt_answer_material_error(&context, t, &m, PRT_ANSWER_MULTIPLE, &bound);
+                prt_answer_material_error(&context, t, &q.media, PRT_ANSWER_MULTIPLE, &bound);
             if (row[i].says) {
                 assert_true(status == PRT_ARG || status == PRT_MISMATCH);
                 if (!strstr(said, row[i].says)) fail_msg("%s: said %s", row[i].json, said);
@@ -462,8 +475,9 @@ static void linear_in_the_light(void **state)
             part[k].texel[i] = light.texel[i] * (i % 7 < 3 ? (float)k : (float)(1 - k));
     }
     for (int k = 0; k < 3; k++) {
-        struct prt_query q = {
-            .term = PRT_ANSWER_MULTIPLE, .material = &m, .light = k < 2 ? &part[k] : &light};
+        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE,
+                              .media = prt_media_one(&m),
+                              .light = k < 2 ? &part[k] : &light};
         got[k] = calloc(mesh->n_vertex, sizeof **got);
         assert_int_equal(prt_answer_colors(&context, t, &q, got[k]), PRT_OK);
     }
@@ -517,7 +531,7 @@ static void contractions_commute(void **state)
 static void reference_of_many(void **state)
 {
     struct prt_material a = medium("skin1"), b = medium(wax);
-    const struct prt_material *media[2] = {&a, &b};
+    const struct prt_media media[2] = {prt_media_one(&a), prt_media_one(&b)};
     struct prt_cube dim;
     assert_int_equal(prt_cube_init(&dim, 16), PRT_OK);
     for (int i = 0; i < 6 * 256 * 3; i++) dim.texel[i] = 0.5f;
@@ -536,7 +550,8 @@ static void reference_of_many(void **state)
                      PRT_OK);
     for (int k = 0; k < 4; k++) {
         assert_int_equal(
-            prt_reference_colors(&context, mesh, media[k / 2], lights[k % 2], &o, one), PRT_OK);
+            prt_reference_colors(&context, mesh, &media[k / 2], lights[k % 2], &o, one),
+            PRT_OK);
         // media of other mean free paths have other cells
         expect_below("relative RMSE, many against one",
                      prt_relative_rmse(many[k][0], one[0], 120), 0.01);

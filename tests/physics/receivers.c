@@ -58,7 +58,9 @@ static struct prt_cube light_of(uint32_t n)
 static struct prt_bake_options options(enum prt_transport_kind engine)
 {
     struct prt_bake_options o = {.engine = engine, .n_sample = 3000, .cube = 16, .seed = 1};
-    assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
+    static struct prt_material skin;
+    assert_int_equal(prt_material_load(&context, "skin1", &skin), PRT_OK);
+    o.media = prt_media_one(&skin);
     return o;
 }
 
@@ -71,7 +73,8 @@ static float (*baked(const struct prt_mesh *mesh, const struct prt_bake_options 
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
     struct prt_query q = {.term = term,
                           .light = o->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : light,
-                          .material = o->engine == PRT_TRANSPORT_WAVELET ? NULL : &o->material};
+                          .media = o->media};
+    if (o->engine == PRT_TRANSPORT_WAVELET) q.media.n = 0;
     assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, color), PRT_OK);
     prt_file_close(f);
     return color;
@@ -87,7 +90,8 @@ static float (*reference(const struct prt_mesh *mesh, const struct prt_material 
                                       .n_single = 2048,
                                       .straight_single = true,
                                       .seed = 31};
-    assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
+    const struct prt_media media = prt_media_one(m);
+    assert_int_equal(prt_reference_colors(&context, mesh, &media, light, &o, color), PRT_OK);
     return color;
 }
 
@@ -100,7 +104,7 @@ static void floor_is_lit_by(enum prt_transport_kind engine, const char *name)
     if (engine == PRT_TRANSPORT_POLYNOMIAL) o.env = &env;
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
     static const enum prt_answer_term term[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_TOTAL};
-    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
+    float(*want)[3] = reference(mesh, o.media.medium, &light, PRT_REFERENCE_MULTIPLE);
     for (int k = 0; k < 2; k++) {
         float(*got)[3] = baked(mesh, &o, &light, term[k]);
         double error = prt_relative_rmse(got[BALL], want[BALL], (size_t)FLOOR * 3);
@@ -171,10 +175,12 @@ static void eta_one_has_no_boundary(void **state)
     struct prt_mesh *mesh = scene(false);
     struct prt_cube light = light_of(16);
     struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET);
-    o.material.eta = 1;
+    struct prt_material flat = *o.media.medium;
+    flat.eta = 1;
+    o.media = prt_media_one(&flat);
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
     float(*got)[3] = baked(mesh, &o, &light, PRT_ANSWER_SINGLE);
-    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_SINGLE);
+    float(*want)[3] = reference(mesh, o.media.medium, &light, PRT_REFERENCE_SINGLE);
     double error = prt_relative_rmse(got[0], want[0], (size_t)mesh->n_vertex * 3);
     expect_below("relative RMSE of single scattering", error, 0.016);
     free(got);

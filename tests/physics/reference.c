@@ -62,7 +62,9 @@ static void irradiance_of_a_convex_body(void **state)
     for (int i = 0; i < 2; i++) {
         struct prt_material m = medium(want[i].name);
         struct prt_reference_options o = {.term = PRT_REFERENCE_IRRADIANCE, .seed = 1};
-        assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, color), PRT_OK);
+        assert_int_equal(prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL},
+                                              &light, &o, color),
+                         PRT_OK);
         double mean = 0;
         for (uint32_t v = 48; v < mesh->n_vertex - 48; v++) {
             mean += color[v][1] / (mesh->n_vertex - 96.0);
@@ -107,7 +109,9 @@ static void plane_returns_rho_d(void **state)
                                           .n_ray = 1024};
         struct prt_diffusion d;
         float color[1][3];
-        assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, color), PRT_OK);
+        assert_int_equal(prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL},
+                                              &light, &o, color),
+                         PRT_OK);
         double e = M_PI * prt_fresnel_mean_transmittance(m.eta);
         for (int c = 0; c < 3; c++) {
             prt_diffusion_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
@@ -133,7 +137,9 @@ static void single_scattering_of_a_half_space(void **state)
     struct prt_reference_options o = {
         .term = PRT_REFERENCE_SINGLE, .vertex = &centre, .n_vertex = 1, .n_single = 65536};
     float color[1][3];
-    assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, color), PRT_OK);
+    assert_int_equal(prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL},
+                                          &light, &o, color),
+                     PRT_OK);
     for (int c = 0; c < 3; c++) {
         double sum = 0, st = m.sigma_s_prime[c] + m.sigma_a[c];
         for (int k = 0; k < 64 * 64; k++) { // the texel's own integral
@@ -167,13 +173,19 @@ static void linear_and_converged(void **state)
         .term = PRT_REFERENCE_MULTIPLE, .n_sample = 20000, .n_ray = 1024, .seed = 5};
     size_t n = mesh->n_vertex;
     float(*a)[3] = calloc(n, sizeof *a), (*b)[3] = calloc(n, sizeof *b);
-    assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, a), PRT_OK);
-    assert_int_equal(prt_reference_colors(&context, mesh, &m, &twice, &o, b), PRT_OK);
+    assert_int_equal(
+        prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL}, &light, &o, a),
+        PRT_OK);
+    assert_int_equal(
+        prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL}, &twice, &o, b),
+        PRT_OK);
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++) b[i][c] *= 0.5f;
     expect_below("half of twice the light", prt_relative_rmse(a[0], b[0], n * 3), 1e-5);
     o.n_sample = 40000, o.n_ray = 2048, o.seed = 6;
-    assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, b), PRT_OK);
+    assert_int_equal(
+        prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL}, &light, &o, b),
+        PRT_OK);
     double moved = prt_relative_rmse(a[0], b[0], n * 3);
     expect_below("change with twice the samples and rays", moved, 4e-4);
     free(a), free(b);

@@ -138,8 +138,13 @@ static void media_keep_apart(void **state)
     pixels alone[2];
     for (int k = 0; k < 2; k++)
         alone[k] = render(&s, &medium[k], NULL, &from_front, options, NULL);
-    options.object_material = medium;
-    pixels both = render(&s, &marble, NULL, &from_front, options, NULL);
+    struct prt_screen_input input = {.visibility = s.vis,
+                                     .media = {2, medium, (const uint8_t[]){0, 1}},
+                                     .n_extra = 1,
+                                     .extra = &from_front};
+    pixels both = calloc(s.g.n_point, sizeof *both);
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, &input, &options, both, NULL),
+                     PRT_OK);
     double apart = 0;
     for (uint32_t i = 0; i < s.g.n_point; i++) {
         uint32_t object = model.block[s.g.block[i]].object;
@@ -354,12 +359,12 @@ static void odd_input_gives_pictures(void **state)
             if (!k) expect_above("radiance seen from inside", b[0][0], 0);
             free(b);
         }
-        struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
+        struct prt_shade shade = {.media = {1, &marble, NULL}, .fresnel = true};
         struct prt_screen_options options = {.measure_error = true};
         struct prt_screen_report report;
         struct prt_image image;
         struct prt_screen_input input = {
-            .visibility = s.vis, .material = &marble, .n_extra = 1, .extra = &point};
+            .visibility = s.vis, .media = {1, &marble, NULL}, .n_extra = 1, .extra = &point};
         assert_int_equal(
             prt_screen_image(&quiet, s.screen, &input, &options, &shade, &image, &report),
             PRT_OK);
@@ -425,8 +430,10 @@ static void reference_engine_agrees(void **state)
                                               .n_ray = 512,
                                               .vertex = vertex,
                                               .n_vertex = 3 * N};
-    assert_int_equal(
-        prt_reference_colors(&quiet, &model.mesh, &medium, &cube, &reference, want), PRT_OK);
+    assert_int_equal(prt_reference_colors(&quiet, &model.mesh,
+                                          &(struct prt_media){1, &medium, NULL}, &cube,
+                                          &reference, want),
+                     PRT_OK);
     for (int e = 0; e < 4; e++) {
         struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
                                              .n_light = 128};

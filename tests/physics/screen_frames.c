@@ -126,7 +126,7 @@ static void budgets_buy_samples(void **state)
     struct stage s;
     stage_init(&s, &model, camera, 100, 100);
     struct prt_screen_input input = {
-        .visibility = s.vis, .material = &marble, .n_extra = 1, .extra = &from_front};
+        .visibility = s.vis, .media = {1, &marble, NULL}, .n_extra = 1, .extra = &from_front};
     for (int e = 0; e < 4; e++) {
         struct prt_screen_plan plan, before = {0};
         for (double ms = 2; ms < 500; ms *= 2) {

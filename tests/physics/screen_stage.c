@@ -39,7 +39,7 @@ int try_render(struct stage *s, const struct prt_material *material,
                struct prt_screen_report *report)
 {
     struct prt_screen_input input = {.visibility = s->vis,
-                                     .material = material,
+                                     .media = {1, material, NULL},
                                      .cube = cube,
                                      .n_extra = light != NULL,
                                      .extra = light};

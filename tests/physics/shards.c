@@ -58,7 +58,9 @@ static struct prt_bake_options options(enum prt_transport_kind engine, enum prt_
 {
     struct prt_bake_options o = {
         .engine = engine, .storage = storage, .n_sample = 2000, .cube = 16, .seed = 3};
-    assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
+    static struct prt_material skin;
+    assert_int_equal(prt_material_load(&context, "skin1", &skin), PRT_OK);
+    o.media = prt_media_one(&skin);
     return o;
 }
 

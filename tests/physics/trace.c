@@ -85,7 +85,8 @@ static void random_packet(struct prt_rng *rng, struct prt_packet *p)
         }
         p->ox[i] = o[0], p->oy[i] = o[1], p->oz[i] = o[2];
         p->dx[i] = d[0], p->dy[i] = d[1], p->dz[i] = d[2];
-        p->tnear[i] = prt_rng_f32(rng) < 0.2f ? 0.3f : 0;
+        // behind the first hit of most rays, or before it
+        p->tnear[i] = prt_rng_f32(rng) < 0.3f ? inside ? 25 : 0.9f : 0;
         p->tfar[i] = prt_rng_f32(rng) < 0.3f ? 0.6f : 1e3f;
     }
 }

@@ -276,7 +276,9 @@ static void reference_of_a_slab(void **state)
         double e = M_PI * prt_fresnel_mean_transmittance((double)m.eta);
         for (unsigned term = 0; term < 2; term++) {
             options.term = term ? PRT_REFERENCE_UNSCATTERED : PRT_REFERENCE_MULTIPLE;
-            assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &options, &color),
+            assert_int_equal(prt_reference_colors(&context, mesh,
+                                                  &(struct prt_media){1, &m, NULL}, &light,
+                                                  &options, &color),
                              PRT_OK);
             for (int c = 0; c < 3; c++) {
                 struct slab want;
@@ -311,7 +313,8 @@ static void profiles_have_no_walks(void **state)
                      PRT_OK);
     struct prt_context quiet = context;
     quiet.log = ignore_log;
-    assert_int_equal(prt_reference_colors(&quiet, mesh, &m, &light, &options, &color),
+    assert_int_equal(prt_reference_colors(&quiet, mesh, &(struct prt_media){1, &m, NULL},
+                                          &light, &options, &color),
                      PRT_MISMATCH);
     prt_cube_finish(&light);
     prt_mesh_destroy(mesh);

@@ -170,9 +170,9 @@ float *exact_by(const struct relight_camera *seen, const char *file,
     assert_int_equal(prt_screen_create(&ctx, mesh, NULL, &screen), 0);
     options.engine = PRT_SCREEN_REFERENCE;
     options.n_sample = 65536;
-    struct prt_shade shade = {
-        .eta = material->eta, .roughness = material->roughness, .fresnel = true};
-    struct prt_screen_input input = {.visibility = vis, .material = material, .cube = &cube};
+    const struct prt_media media = prt_media_one(material);
+    struct prt_shade shade = {.media = media, .fresnel = true};
+    struct prt_screen_input input = {.visibility = vis, .media = media, .cube = &cube};
     assert_int_equal(prt_screen_image(&ctx, screen, &input, &options, &shade, &image, NULL), 0);
     float *out = malloc((size_t)SIDE * SIDE * 12);
     assert_non_null(out);

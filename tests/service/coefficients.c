@@ -30,11 +30,12 @@ static void write_model(const char *name, float g, uint32_t n_phase, bool opaque
     struct synthetic_options a = shared, b = shared;
     struct prt_transport t = {.cube = CUBE, .n_tensor = 2};
     char path[160];
-    t.material = (struct prt_material){.sigma_s_prime = {1, 1.5f, 2},
-                                       .sigma_a = {0.01f, 0.02f, 0.03f},
-                                       .g = {g, g, g},
-                                       .eta = 1.4f,
-                                       .roughness = 0.25f};
+    const struct prt_material medium = {.sigma_s_prime = {1, 1.5f, 2},
+                                        .sigma_a = {0.01f, 0.02f, 0.03f},
+                                        .g = {g, g, g},
+                                        .eta = 1.4f,
+                                        .roughness = 0.25f};
+    t.media = prt_media_one(&medium);
     prt_context_init(&ctx);
     a.value = PRT_VALUE_PAIR;
     b.value = PRT_VALUE_F16;
@@ -376,13 +377,51 @@ static void views(void **state)
     relight_factors_finish(&factors);
 }
 
+static void run(const char *fmt, const char *file)
+{
+    char command[700], arguments[400];
+    snprintf(arguments, sizeof arguments, fmt, d.folder, file);
+    snprintf(command, sizeof command, "RELIGHT_TERMINAL=kitty %s/relight -s %s %s",
+             PRT_BINARY_DIR, d.address, arguments);
+    assert_int_equal(system(command), 0);
+}
+
+static void read_rows(const char *name, float out[3 * N])
+{
+    char path[160];
+    snprintf(path, sizeof path, "%s/%s", d.folder, name);
+    char *text = read_text(path), *line = strchr(text, '\n');
+    for (int v = 0; v < N; v++, line = strchr(line + 1, '\n'))
+        assert_int_equal(
+            sscanf(line + 1, "%*d,%f,%f,%f", out + 3 * v, out + 3 * v + 1, out + 3 * v + 2), 3);
+    free(text);
+}
+
+// relight writes the same CSV from coefficients, and draws a picture in the terminal.
+static void command_line(void **state)
+{
+    static float got[3 * N], want[3 * N];
+    char path[160];
+    run("colors even.prt --env constant -o %s/%s >/dev/null", "colors.csv");
+    run("colors even.prt --env constant --format coefficients -o %s/%s >/dev/null", "rows.csv");
+    read_rows("colors.csv", want);
+    read_rows("rows.csv", got);
+    assert_true(rmse(got, want, 3 * N) < 2e-3);
+    run("image even.prt --env constant --size 16x12 -o - >%s/%s", "terminal");
+    snprintf(path, sizeof path, "%s/terminal", d.folder);
+    char *text = read_text(path);
+    assert_true(!strncmp(text, "\x1b_Ga=T,f=24,s=16,v=12,m=0;", 26));
+    assert_int_equal(strlen(text), 26 + 16 * 12 * 4 + 3);
+    free(text);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_colors), cmocka_unit_test(equal_colors_toward_an_eye),
         cmocka_unit_test(fewer_rows),   cmocka_unit_test(factors_in_parts),
         cmocka_unit_test(refusals),     cmocka_unit_test(factors_of_another_bake),
-        cmocka_unit_test(views),
+        cmocka_unit_test(views),        cmocka_unit_test(command_line),
     };
     return cmocka_run_group_tests(tests, group_begin, group_end);
 }

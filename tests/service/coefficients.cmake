@@ -3,4 +3,4 @@ prt_test(coefficients SOURCES service/coefficients.c
   LABELS service TIMEOUT 120)
 target_include_directories(test_coefficients PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service
   ${CMAKE_SOURCE_DIR}/libprt/tools/bench)
-add_dependencies(test_coefficients relightd)
+add_dependencies(test_coefficients relightd relight)

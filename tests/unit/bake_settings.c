@@ -18,7 +18,9 @@ static struct bake small_bake(struct clusters *none)
 {
     static const struct prt_mesh empty;
     struct bake b = {.ctx = &context, .mesh = &empty, .clusters = none};
-    assert_int_equal(prt_material_load(&context, "skin1", &b.o.material), PRT_OK);
+    static struct prt_material skin;
+    assert_int_equal(prt_material_load(&context, "skin1", &skin), PRT_OK);
+    b.o.media = prt_media_one(&skin);
     b.o.cube = 32, b.o.n_phase = 4, b.o.max_error = 0.01;
     return b;
 }

@@ -38,13 +38,15 @@ EXCEPTIONS = {
 LIBPRT = {
     'base': set(), 'formats': set(),
     'texture': {'base'}, 'mesh': {'base', 'formats', 'texture'}, 'light': {'base'}, 'medium': {'base'},
+    'media': {'base', 'mesh', 'medium'},
     'transport': {'base', 'texture', 'medium'}, 'trace': {'base', 'mesh'},
     'relight': {'base', 'transport', 'light', 'medium'},
     'reference': {'base', 'mesh', 'trace', 'light', 'medium'},
     'bake': {'base', 'mesh', 'trace', 'light', 'medium', 'transport', 'relight', 'reference'},
     'raster': {'base', 'texture', 'mesh', 'light', 'medium'},
     'screen': {'base', 'mesh', 'trace', 'light', 'medium', 'raster'},
-    'tools': {'base', 'formats', 'texture', 'mesh', 'light', 'medium', 'transport', 'trace', 'relight',
+    'tools': {'base', 'formats', 'texture', 'mesh', 'light', 'medium', 'media', 'transport', 'trace',
+              'relight',
               'reference', 'bake', 'raster', 'screen'},
 }
 INCLUDE = re.compile(r'^#include "([a-z_]+)/[^"]+"', re.M)

@@ -13,6 +13,12 @@
 
 #include "../data.h"
 
+// One medium of all objects, by what shading reads of it.
+#define SURFACE(e, r)                                                   \
+    {                                                                   \
+        1, &(const struct prt_material){.eta = e, .roughness = r}, NULL \
+    }
+
 static struct prt_context quiet;
 static char last_line[512];
 
@@ -314,7 +320,7 @@ static void edges_are_antialiased(void **state)
     struct prt_camera c = front(50, 40);
     c.up[0] = 0.3f;
     struct prt_visibility *vis = see(&s, &c, 128, 128, 4);
-    struct prt_shade shade = {.eta = 1.3f};
+    struct prt_shade shade = {.media = SURFACE(1.3f, 0)};
     for (float radiance = 1; radiance <= 4; radiance += 3) {
         struct prt_image image =
             shade_const(&s, vis, &shade, (float[3]){radiance, radiance, radiance});
@@ -356,7 +362,7 @@ static void silhouettes_reflect_no_more(void **state)
         for (uint32_t i = 0; i < 6 * 32 * 32 * 3; i++) sky.texel[i] = 1;
         assert_int_equal(prt_specular_create(&quiet, &sky, &specular), PRT_OK);
         struct prt_shade shade = {
-            .eta = 1.3f, .roughness = 0.2f, .fresnel = true, .specular = specular};
+            .media = SURFACE(1.3f, 0.2f), .fresnel = true, .specular = specular};
         struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
         struct prt_gbuffer g;
         prt_visibility_gbuffer(vis, &g);
@@ -399,7 +405,7 @@ static void small_mirrors_are_steady(void **state)
         struct prt_camera c = front(400, 30);
         struct prt_visibility *vis = see(&s, &c, 32, 32, 8);
         struct prt_shade shade = {
-            .eta = 1.5f, .roughness = 0.1f, .fresnel = true, .specular = specular};
+            .media = SURFACE(1.5f, 0.1f), .fresnel = true, .specular = specular};
         struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
         double sum = 0;
         for (uint32_t i = 0; i < 32 * 32; i++) sum += (double)image.rgb[3 * i];
@@ -425,7 +431,7 @@ static void fresnel_at_normal_incidence(void **state)
         add_square(&s, 10, 0, 0, translucent);
         struct prt_camera c = front(50, 20);
         struct prt_visibility *vis = see(&s, &c, 65, 65, 1);
-        struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
+        struct prt_shade shade = {.media = SURFACE(1.5f, 0), .fresnel = true};
         struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 2, 3});
         const float *p = image.rgb + 3 * (32 * 65 + 32);
         for (int k = 0; k < 3; k++)
@@ -463,7 +469,7 @@ static void phase_planes_times_harmonics(void **state)
                 for (int ch = 0; ch < 3; ch++)
                     planes[(j * 4 + (unsigned)v) * 3 + (unsigned)ch] = j == k;
         }
-        struct prt_shade shade = {.eta = 1.4f, .n_plane = 16, .planes = planes};
+        struct prt_shade shade = {.media = SURFACE(1.4f, 0), .n_plane = 16, .planes = planes};
         struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
         double e[3] = {24, -18, 50}, l = sqrt(24.0 * 24 + 18 * 18 + 2500), cosine = 50 / l;
         double ct = sqrt(1 - (1 - cosine * cosine) / (1.4 * 1.4));
@@ -548,7 +554,7 @@ static void background_is_looked_up(void **state)
     struct prt_camera c = front(50, 120);
     struct prt_visibility *vis = see(&s, &c, 300, 200, 4);
     assert_int_equal(prt_visibility_covered(vis), 0);
-    struct prt_shade shade = {.eta = 1.3f, .background = &cube};
+    struct prt_shade shade = {.media = SURFACE(1.3f, 0), .background = &cube};
     struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
     for (uint32_t y = 0; y < 200; y++) {
         for (uint32_t x = 0; x < 300; x++) {
@@ -584,8 +590,7 @@ static void kernels_agree(void **state)
     assert_int_equal(prt_specular_create(&quiet, &cube, &spec), PRT_OK);
     struct prt_shade shade = {.n_plane = 9,
                               .planes = planes,
-                              .eta = 1.3f,
-                              .roughness = 0.3f,
+                              .media = SURFACE(1.3f, 0.3f),
                               .fresnel = true,
                               .specular = spec,
                               .background = &cube};
@@ -632,7 +637,8 @@ static void points_compose_as_planes(void **state)
     float(*radiance)[3] = malloc(g.n_point * sizeof *radiance);
     for (uint32_t i = 0; i < g.n_point; i++)
         for (int k = 0; k < 3; k++) radiance[i][k] = (float)(k + 1);
-    struct prt_shade shade = {.eta = 1.3f, .fresnel = true, .background_rgb = {0.2f, 0.1f, 0}};
+    struct prt_shade shade = {
+        .media = SURFACE(1.3f, 0), .fresnel = true, .background_rgb = {0.2f, 0.1f, 0}};
     struct prt_image a = shade_const(&s, vis, &shade, (float[3]){1, 2, 3}), b;
     assert_int_equal(prt_shade_points(&quiet, vis, (const float(*)[3])radiance, &shade, &b),
                      PRT_OK);
@@ -768,7 +774,7 @@ static void default_camera_frames(void **state)
         .eye = {50, 10, -15}, .target = {51, 10, -15}, .up = {0, 1, 0}, .fovy_deg = 60};
     struct prt_visibility *vis = see(&s, &inside, 50, 50, 4);
     assert_int_equal(prt_visibility_covered(vis), 2500);
-    struct prt_shade shade = {.eta = 1.3f, .fresnel = true};
+    struct prt_shade shade = {.media = SURFACE(1.3f, 0), .fresnel = true};
     struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
     const float most = 1 / 0.938868f; // F_t/T at normal incidence is below
     for (int i = 0; i < 7500; i++) assert_true(image.rgb[i] > 0.9f && image.rgb[i] <= most);

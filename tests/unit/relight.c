@@ -489,8 +489,8 @@ static void dropped_entries_hold_little(void **state)
         float *coef = malloc(sizeof *coef * 3 * t.n_radial * t.n_phase);
         for (uint32_t k = 0; k < t.n_phase; k++)
             memcpy(coef + 3ull * t.n_radial * k, some_coef(), 12ull * t.n_radial);
-        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, 0, &whole), 0);
-        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, error, &some), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, NULL, 0, &whole), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, NULL, error, &some), 0);
         assert_true(some.begin[some.n_row] < whole.begin[whole.n_row]);
         double lost = 1 - energy_of(&t, &some) / energy_of(&t, &whole);
         print_message("dropped %.4f of the energy, allowed %.4f\n", lost, error * error);
@@ -530,12 +530,13 @@ static int transport_of(struct prt_transport *t, const struct synthetic_options 
                         const struct synthetic_options *b)
 {
     *t = (struct prt_transport){.cube = 16, .n_tensor = 1};
-    t->material = (struct prt_material){.name = "x",
-                                        .sigma_s_prime = {1, 1.5f, 2},
-                                        .sigma_a = {0.01f, 0.02f, 0.03f},
-                                        .g = {0.2f, 0, -0.1f},
-                                        .eta = 1.3f,
-                                        .roughness = 0.3f};
+    static const struct prt_material material = {.name = "x",
+                                                 .sigma_s_prime = {1, 1.5f, 2},
+                                                 .sigma_a = {0.01f, 0.02f, 0.03f},
+                                                 .g = {0.2f, 0, -0.1f},
+                                                 .eta = 1.3f,
+                                                 .roughness = 0.3f};
+    t->media = prt_media_one(&material);
     assert_int_equal(synthetic_mesh(N, true, &t->mesh), 0);
     assert_int_equal(synthetic_tensor(a, &t->tensor[0]), 0);
     if (b) assert_int_equal(synthetic_tensor(b, &t->tensor[t->n_tensor++]), 0);
@@ -670,8 +671,9 @@ static void toward_a_view(const struct prt_transport *t, const float *multiple, 
     struct prt_context ctx = quiet();
     for (int i = 0; i < 3 * N; i++) planes[i] *= 0.28209479f;
     for (int i = 0; i < 4 * 3 * N; i++) planes[i] *= (float)divisor;
-    assert_int_equal(prt_view_correct(&ctx, t->mesh.n_vertex, (const float(*)[3])t->mesh.normal,
-                                      (double)t->material.eta, 4, 4, planes),
+    assert_int_equal(prt_view_correct(&ctx, t->mesh.n_vertex, 0, t->mesh.n_vertex,
+                                      (const float(*)[3])t->mesh.normal,
+                                      (double)t->media.medium->eta, 4, 4, planes),
                      0);
     for (int i = 0; i < 3 * N; i++) planes[i] += multiple[i];
 }
@@ -692,9 +694,9 @@ static void half_space_seen_from_the_side(void **state)
                 const float w[3] = {(float)(0.6 * mu_o + side * 0.8 * sine), 0,
                                     (float)(0.8 * mu_o - side * 0.6 * sine)};
                 float planes[4][3] = {{1, 1, 1}}, y[4];
-                assert_int_equal(
-                    prt_view_correct(&ctx, 1, (const float(*)[3])normal, eta, 1, 4, planes[0]),
-                    0);
+                assert_int_equal(prt_view_correct(&ctx, 1, 0, 1, (const float(*)[3])normal, eta,
+                                                  1, 4, planes[0]),
+                                 0);
                 prt_sh_eval(2, w, y);
                 double got = (double)planes[0][0];
                 for (int k = 1; k < 4; k++) got += (double)(y[k] * planes[k][0]);
@@ -798,9 +800,9 @@ static void check_answers(bool papers)
     }
 
     // what does not fit together is refused
-    q.material = &t.material;
+    q.media = t.media;
     assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
-    q.material = NULL;
+    q.media.n = 0;
     cube.n = 8;
     assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
     cube.n = 16;
@@ -861,7 +863,6 @@ static void free_materials_follow_the_basis(void **state)
     }
     transport_of(&t, &kind[4], &kind[5]);
     t.engine = PRT_TRANSPORT_JOINT;
-    t.material.eta = 1.3f;
     give_basis(&t.tensor[0], radial[0]);
     give_basis(&t.tensor[1], radial[1]);
     some_cube(&cube);
@@ -878,7 +879,7 @@ static void free_materials_follow_the_basis(void **state)
     define(&t.tensor[1], &light, coef[1], 1, own, own_bound);
     assert_int_equal(prt_relight(&ctx, &t.tensor[0], 1, lights, coef[0], false, multiple), 0);
     assert_int_equal(prt_relight(&ctx, &t.tensor[1], 1, lights, coef[1], false, own), 0);
-    struct prt_query q = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
+    struct prt_query q = {.term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)};
     unsigned n_plane;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, planes), 0);
     assert_int_equal(n_plane, 4);
@@ -908,10 +909,10 @@ static void free_materials_follow_the_basis(void **state)
     free(bound);
     free(own_bound);
     // the bake's own material when none is given; the same answer the second time
-    q.material = NULL;
+    q.media.n = 0;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_true(difference(again, planes, 12 * N) > 1e-3);
-    q.material = &m;
+    q.media = prt_media_one(&m);
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     // light contracted once, whichever material comes: the same bits
@@ -926,7 +927,7 @@ static void free_materials_follow_the_basis(void **state)
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     const struct prt_query both[2] = {
-        q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m}};
+        q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)}};
     const bool as_planes[2] = {true, true};
     float *pair[2] = {again, own};
     assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair), 0);
@@ -934,7 +935,9 @@ static void free_materials_follow_the_basis(void **state)
     assert_memory_equal(own, planes, 4 * 12 * N);
     // the material first, whichever light comes
     struct prt_contracted_transport *fixed;
-    assert_int_equal(prt_contracted_transport_create(&ctx, &t, &m, &fixed), 0);
+    const struct prt_query wavelet = {
+        .term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)};
+    assert_int_equal(prt_contracted_transport_create(&ctx, &t, &wavelet.media, &fixed), 0);
     assert_true(prt_contracted_transport_bytes(fixed) > 0);
     const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &cube};
     assert_int_equal(prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &lit_only,
@@ -943,14 +946,13 @@ static void free_materials_follow_the_basis(void **state)
     assert_int_equal(n_plane, 4);
     double off = difference(again, planes, 4 * 3 * N);
     assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
-    const struct prt_query wavelet = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
     assert_int_equal(
         prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &wavelet, &n_plane, again),
         PRT_MISMATCH);
     struct prt_contracted_transport *twice;
-    assert_int_equal(
-        prt_contracted_transport_create(&ctx, prt_contracted_transport_get(fixed), &m, &twice),
-        PRT_MISMATCH);
+    assert_int_equal(prt_contracted_transport_create(&ctx, prt_contracted_transport_get(fixed),
+                                                     &wavelet.media, &twice),
+                     PRT_MISMATCH);
     prt_contracted_transport_destroy(fixed);
     q.lit = other;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);

@@ -109,15 +109,18 @@ static const struct synthetic_options kind[N_KIND] = {
      .seed = 4},
 };
 
+static struct prt_material medium; // of the transport that make() makes
+
 static void make(struct prt_transport *t)
 {
     memset(t, 0, sizeof *t);
     assert_int_equal(synthetic_mesh(101, true, &t->mesh), 0);
-    t->material = (struct prt_material){.name = "x",
-                                        .sigma_s_prime = {1, 2, 3},
-                                        .sigma_a = {0, 1, 2},
-                                        .eta = 1.3f,
-                                        .roughness = 0.3f};
+    medium = (struct prt_material){.name = "x",
+                                   .sigma_s_prime = {1, 2, 3},
+                                   .sigma_a = {0, 1, 2},
+                                   .eta = 1.3f,
+                                   .roughness = 0.3f};
+    t->media = prt_media_one(&medium);
     t->cube = 16;
     t->n_tensor = N_KIND;
     for (int i = 0; i < N_KIND; i++)
@@ -161,7 +164,8 @@ static void what_is_written_comes_back(void **state)
     assert_true(b->mesh_hash == t.mesh_hash && b->n_tensor == N_KIND);
     assert_string_equal(b->settings, t.settings);
     assert_string_equal(b->errors, t.errors);
-    assert_memory_equal(&b->material, &t.material, sizeof t.material);
+    assert_int_equal(b->media.n, 1);
+    assert_memory_equal(b->media.medium, t.media.medium, sizeof *t.media.medium);
     same(t.mesh.position, b->mesh.position, 101 * 12);
     same(t.mesh.normal, b->mesh.normal, 101 * 12);
     same(t.mesh.triangle, b->mesh.triangle, t.mesh.n_triangle * 12);
@@ -380,11 +384,11 @@ static void forged_headers_are_refused(void **state)
     X(vertices, "", M->n_vertex = 100)
 
 #define SHAPE_DAMAGES(X)                                                             \
-    X(eta_below, "material", t->material.eta = nextafterf(1, 0))                     \
-    X(eta_above, "material", t->material.eta = nextafterf(3, 4))                     \
-    X(asymmetry, "material", t->material.g[2] = 1)                                   \
-    X(absorption, "material", t->material.sigma_a[0] = -1e-9f)                       \
-    X(points, "material", t->material.n_point = 1)                                   \
+    X(eta_below, "material", medium.eta = nextafterf(1, 0))                          \
+    X(eta_above, "material", medium.eta = nextafterf(3, 4))                          \
+    X(asymmetry, "material", medium.g[2] = 1)                                        \
+    X(absorption, "material", medium.sigma_a[0] = -1e-9f)                            \
+    X(points, "material", medium.n_point = 1)                                        \
     X(tensors_none, "0 tensors", t->n_tensor = 0)                                    \
     X(tensors_past, "5 tensors", t->n_tensor = 5)                                    \
     X(engine, "unknown engine 3", t->engine = PRT_TRANSPORT_JOINT + 1)               \
@@ -608,7 +612,8 @@ static void pairs_keep_their_rows(void **state)
 static void broken_pairs_are_refused(void **state)
 {
     struct prt_context ctx = quiet();
-    struct prt_transport t = {.cube = 16, .n_tensor = 1, .material = {.eta = 1.3f}};
+    medium = (struct prt_material){.eta = 1.3f};
+    struct prt_transport t = {.cube = 16, .n_tensor = 1, .media = prt_media_one(&medium)};
     struct prt_rows pairs;
     struct prt_file *file;
     make_halves(&t.tensor[0]);
@@ -658,7 +663,8 @@ static void opening_is_timed(void **state)
                                   .coefs = 512,
                                   .seed = 9};
     struct prt_file *file;
-    t.material.eta = 1.3f;
+    medium = (struct prt_material){.eta = 1.3f};
+    t.media = prt_media_one(&medium);
     assert_int_equal(synthetic_mesh(o.n_vertex, false, &t.mesh), 0);
     assert_int_equal(synthetic_tensor(&o, &t.tensor[0]), 0);
     assert_int_equal(prt_file_write(&ctx, path, &t), 0);

@@ -1086,6 +1086,112 @@ typedef int (*relight_event_fn)(void *user, const struct relight_event *event);
 int relight_events(struct relight_client *client, struct relight_cursor *cursor, double wait_s,
                    relight_event_fn fn, void *user, struct relight_error *error);
 
+/* Numbers of a medium. */
+struct relight_medium {
+    const char *json;           /* its whole text, for `material` of requests */
+    bool profile;               /* it has a diffuse profile of its own; the numbers are those of
+                                   the dipole medium nearest to it */
+    float reflectance[3];       /* [0,1], of a half-space under even light */
+    float mean_free_path_mm[3]; /* 1 / (sigma_s' + sigma_a) */
+    float sigma_t[3];           /* [mm^-1] sigma_s' / (1 - g) + sigma_a */
+    float g[3], eta, roughness;
+    void *owner;
+};
+/* Asks for the numbers of a preset or of a material's JSON text. Returns 0 and *out, to be
+ * freed by relight_medium_finish. -RELIGHT_E_OUT_OF_RANGE. Thread-safety: Safe. Blocks. */
+int relight_material(struct relight_client *client, const char *material,
+                     struct relight_medium *out, struct relight_error *error);
+/* Frees what relight_material put into *medium. Thread-safety: Safe for different structs. Does
+ * not block. */
+void relight_medium_finish(struct relight_medium *medium);
+
+/* Review rooms. */
+
+/* Scenes, actions, states and events of rooms are JSON texts with the field names of
+ * relight.proto (Scene, RoomAction, RoomState, RoomEvents, Presence). An enum's value is its
+ * name without the first word, in lower case: "reviewer". */
+enum { RELIGHT_ROOM = 33 }; /* bytes of a room's id, with the end */
+
+/* Creates a room; the caller is its owner.
+ * scene: JSON of a Scene, NULL for none. me: display name. Returns 0 and the room's id.
+ * -RELIGHT_E_LIMIT, -RELIGHT_E_FORBIDDEN without the scope edit.
+ * Thread-safety: Safe. Blocks until the daemon has it on disk. */
+int relight_room_create(struct relight_client *client, const char *name, const char *scene,
+                        const char *me, char room[RELIGHT_ROOM], struct relight_error *error);
+
+/* Lists the rooms that the caller may see: JSON of RoomListAnswer, to be freed with free().
+ * Thread-safety: Safe. Blocks. */
+int relight_room_list(struct relight_client *client, char **json, struct relight_error *error);
+
+struct relight_room_info {
+    uint64_t sequence; /* of the newest event */
+    int role;          /* the caller's: 1 viewer, 2 reviewer, 3 owner */
+    char hash[65];     /* SHA-256 of the state: equal on every replica */
+};
+/* Fetches a room's state: JSON of RoomState, to be freed with free(). info may be NULL.
+ * -RELIGHT_E_NOT_FOUND also for a room that the caller may not see.
+ * Thread-safety: Safe. Blocks. */
+int relight_room_state(struct relight_client *client, const char *room, char **json,
+                       struct relight_room_info *info, struct relight_error *error);
+
+/* Fetches events after this sequence, some 4 MiB of them: JSON of RoomEvents, to be freed with
+ * free(). *last: sequence of the last one, 0 when there are no more.
+ * Thread-safety: Safe. Blocks. */
+int relight_room_log(struct relight_client *client, const char *room, uint64_t after,
+                     char **json, uint64_t *last, struct relight_error *error);
+
+struct relight_room_edited {
+    uint64_t sequence; /* of the event; identifies what it made */
+    uint64_t time_us;
+    bool repeated;               /* an earlier try had done it */
+    char secret[RELIGHT_SECRET]; /* of an invitation: the guest's token */
+};
+/* Acts in a room. action: JSON of a RoomAction, such as {"undo":{}}. me: display name. out may
+ * be NULL. With relight_options.reconnect_s an edit whose connection was lost is sent again,
+ * and done once. Returns 0 when the event is on the daemon's disk; -RELIGHT_E_ARGUMENT for JSON
+ * that is no action, -RELIGHT_E_FORBIDDEN for a role that may not, -RELIGHT_E_MISMATCH for a
+ * conflict, -RELIGHT_E_LIMIT.
+ * Thread-safety: Safe; edits of one process wait for each other. Blocks. */
+int relight_room_edit(struct relight_client *client, const char *room, const char *action,
+                      const char *me, struct relight_room_edited *out,
+                      struct relight_error *error);
+
+/* Which scene of a room: one of pin, decision and revision, none for the scene as it is. */
+struct relight_room_view {
+    uint64_t pin, decision;
+    uint32_t revision, width, height; /* width, height: 0: as it was seen */
+    enum relight_image_format format; /* JPEG stands for PNG */
+};
+/* Draws a scene that the room keeps. Of a pin or a decision the same build of the daemon gives
+ * the same bytes. Returns 0 and *out, to be freed by relight_image_finish.
+ * Thread-safety: Safe. Blocks. */
+int relight_room_picture(struct relight_client *client, const char *room,
+                         const struct relight_room_view *view, struct relight_image *out,
+                         struct relight_error *error);
+
+/* Copies all rooms of the daemon into a file that relightd --rooms opens. size, fn: may be
+ * NULL. -RELIGHT_E_FORBIDDEN without the scope admin. On an error there is no file.
+ * Thread-safety: Safe. Blocks. */
+int relight_room_backup(struct relight_client *client, const char *path, relight_progress_fn fn,
+                        void *user, uint64_t *size, struct relight_error *error);
+
+enum relight_room_news {
+    RELIGHT_ROOM_STATE,   /* JSON of RoomState: forget what was known before */
+    RELIGHT_ROOM_EVENTS,  /* JSON of RoomEvents */
+    RELIGHT_ROOM_PRESENCE /* JSON of Presence: participants that are new, changed or gone */
+};
+/* Non-zero ends relight_room_follow. The text lives until it returns. */
+typedef int (*relight_room_fn)(void *user, enum relight_room_news news, const char *json);
+
+/* Takes a seat in a room and follows it.
+ * after: sequence of the last event that the caller has, 0 or NULL to get the state first; it
+ * follows every event. wait_s: longest time without news after which the call ends; < 0: no
+ * limit. With relight_options.reconnect_s it outlives the connection. Returns 0 when fn
+ * returned non-zero or wait_s passed. Thread-safety: Safe. Blocks. */
+int relight_room_follow(struct relight_client *client, const char *room, const char *me,
+                        uint64_t *after, double wait_s, relight_room_fn fn, void *user,
+                        struct relight_error *error);
+
 /* Statistics. */
 
 struct relight_metric {

@@ -15,17 +15,18 @@ extern "C" {
  * bake's inputs has this among them. */
 enum { PRT_BAKE_VERSION = 1 };
 
-/* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `material` set
- * is a valid wavelet bake. */
+/* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `media` set is a
+ * valid wavelet bake. */
 struct prt_bake_options {
     enum prt_transport_kind engine;
-    enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
-    struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
-    uint32_t n_sample;            /* irradiance samples; 0: one a squared mean free path,
-                                   * [150000, 600000] */
-    uint32_t cube;         /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */
-    uint32_t n_coef;       /* sparse: coefficients a vertex, at most 6 cube^2; 0: 128 */
-    uint32_t rank;         /* factored: rank of every cluster; 0: from max_error */
+    enum prt_storage storage; /* FACTORED default, or SPARSE (wavelet engine only) */
+    struct prt_media media;   /* of the objects; joint, polynomial: gives their eta, of
+                               * which at most 8 may differ */
+    uint32_t n_sample;        /* irradiance samples; 0: one a squared mean free path,
+                               * [150000, 600000] */
+    uint32_t cube;            /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */
+    uint32_t n_coef;          /* sparse: coefficients a vertex, at most 6 cube^2; 0: 128 */
+    uint32_t rank;            /* factored: rank of every cluster; 0: from max_error */
     uint32_t n_basis_coef; /* factored: mean coefficients a basis vector; 0: from max_error */
     uint32_t n_phase;  /* spherical harmonics of the phase function: 1, 4, 9; 0: 1 for a fixed
                         * isotropic medium, else 4 */

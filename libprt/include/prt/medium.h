@@ -118,6 +118,44 @@ const struct prt_material *prt_material_named_medium(unsigned index);
 
 /* The reduced albedo whose half-space returns this share of diffuse light. */
 double prt_albedo_invert(double reflectance, double eta);
+/* The media of a model's objects (METHODS §10): one for all, or one for each object. Arrays are
+ * borrowed. Zeroed: not given. */
+enum { PRT_MEDIA_MAX = 64 }; /* media of one model */
+struct prt_media {
+    uint32_t n;                        /* media, [1, PRT_MEDIA_MAX] */
+    const struct prt_material *medium; /* [n] */
+    const uint8_t *of_object; /* [n_object] index into medium; NULL: all have the first.
+                                 That of an object without translucent surface is not
+                                 used */
+};
+/* The index of an object's medium, and the medium. */
+static inline uint32_t prt_media_index(const struct prt_media *media, uint32_t object)
+{
+    return media->of_object ? media->of_object[object] : 0;
+}
+static inline const struct prt_material *prt_media_of(const struct prt_media *media,
+                                                      uint32_t object)
+{
+    return &media->medium[prt_media_index(media, object)];
+}
+/* One medium for all objects. */
+static inline struct prt_media prt_media_one(const struct prt_material *material)
+{
+    struct prt_media media = {1, material, NULL};
+    return media;
+}
+/* PRT_OK, or PRT_ARG after a log line: the number, an index, or a medium is out of range. */
+int prt_media_check(const struct prt_context *ctx, const struct prt_media *media,
+                    uint32_t n_object);
+/* A copy in memory of its own, which the caller prt_free()s; NULL without memory. */
+struct prt_media *prt_media_copy(const struct prt_media *media, uint32_t n_object);
+/* Hash of the media and of which object has which, names left out; equal maps of n_object
+ * objects have equal hashes. */
+uint64_t prt_media_hash(const struct prt_media *media, uint32_t n_object);
+/* The distinct relative indices of the media in their order into eta[PRT_MEDIA_MAX]; returns
+ * their number. */
+uint32_t prt_media_etas(const struct prt_media *media, double eta[]);
+
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
 /* The preset of this name, whatever its case, or the only one that begins so, else such a named
@@ -185,12 +223,13 @@ double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle,
  * Orthonormal. p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 
-/* Corrects planes [n_plane][n_vertex][3] of single scattering alone, of which the first n_phase
- * (1, 4, 9, 16) were computed along -n_o, for the view at which they will be shaded (METHODS
- * §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from n_phase to 4 are filled.
- * Uses ctx->pool. */
-int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, const float (*normal)[3],
-                     double eta, unsigned n_phase, unsigned n_plane, float *planes);
+/* Corrects vertices [begin, end) of planes [n_plane][n_vertex][3] of single scattering alone,
+ * of which the first n_phase (1, 4, 9, 16) were computed along -n_o, for the view at which they
+ * will be shaded (METHODS §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from
+ * n_phase to 4 are filled. Uses ctx->pool. */
+int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, uint32_t begin,
+                     uint32_t end, const float (*normal)[3], double eta, unsigned n_phase,
+                     unsigned n_plane, float *planes);
 /* The slope s of that correction: single scattering towards w_o' is that along -n_o times
  * 1 + s (1 - mu_o'), mu_o' the cosine of w_o' with the normal. eta > 1. */
 float prt_view_slope(double eta);

@@ -27,6 +27,11 @@ struct prt_surface {
     float ior;           /* KHR_materials_ior, else 1.5 */
 };
 
+/* A node instance, or a part of one that has a medium of its own. */
+struct prt_object {
+    char name[64]; /* of the glTF node, or "" */
+};
+
 /* The inside of a surface as a glTF material gives it, in the file's unit of length. */
 enum prt_volume_kind { PRT_VOLUME_NONE, PRT_VOLUME_ATTENUATION, PRT_VOLUME_SCATTER };
 struct prt_volume {
@@ -70,6 +75,7 @@ struct prt_mesh {
     uint32_t *weld;          /* [n_vertex] -> [0,n_weld): same object, same position */
     struct prt_block *block;
     struct prt_surface *surface;
+    struct prt_object *object;      /* [n_object], NULL when no object has a name */
     struct prt_mesh_camera *camera; /* [n_camera], NULL when there is none */
     uint32_t n_camera;
     float mm_per_unit;    /* model units * mm_per_unit = mm; 0 while not scaled */
@@ -78,6 +84,7 @@ struct prt_mesh {
      * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     void *owner; /* memory behind the arrays; NULL when mapped */
+    void *parts; /* memory behind `object` after prt_mesh_divide, else NULL */
     /* Textures (METHODS §10); 0 and NULL where the file has none. */
     uint32_t n_uv;                   /* TEXCOORD sets; 0 stands for 1 where uv is set */
     uint32_t n_image;                /* images that maps name */
@@ -177,6 +184,11 @@ double prt_mesh_diagonal(const struct prt_mesh *mesh);
  * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
 int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
                    double mm_per_unit);
+/* Divides objects: blocks of one object with different numbers part[n_block] become objects of
+ * their own with the same name, welded apart. Objects are numbered anew, by their first block.
+ * Changes nothing where all blocks of each object have one number. PRT_NOMEM. */
+int prt_mesh_divide(const struct prt_context *ctx, struct prt_mesh *mesh,
+                    const uint32_t part[]);
 /* Computes each normal that is 0,0,0 from the triangles around its vertex, weighted by angle;
  * for vertices that moved. Reads position, triangle and weld; changes only such normals.
  * PRT_NOMEM. */

@@ -16,6 +16,7 @@ enum prt_radial_kind {
     PRT_RADIAL_HAT,         /* C0 linear spline on the same knots */
     PRT_RADIAL_X07, /* POLYNOMIAL by the unweighted least squares of X07: for comparison */
 };
+enum { PRT_RADIAL_MORE_ETA = 7 };
 enum prt_radial_family {
     PRT_FAMILY_DIPOLE = 0, /* R_d, weight 2 pi r dr, conserves the integral */
     PRT_FAMILY_EXTINCTION, /* e^(-sigma_t r), for single scattering */
@@ -28,7 +29,9 @@ struct prt_radial {
     enum prt_radial_kind kind;
     enum prt_radial_family family;
     uint32_t n_function, n_grid;
-    double eta;         /* dipole family */
+    /* Dipole family: the indices that it covers; eta_more[n_eta_more] beside eta. */
+    double eta, eta_more[PRT_RADIAL_MORE_ETA];
+    uint32_t n_eta_more;
     double range[2][2]; /* covered [sigma_s'|sigma_t, sigma_a][lo,hi] mm^-1 */
     float *r;           /* [n_grid] mm, ascending, r[0] = 0 */
     float *value;       /* [n_function][n_grid] */
@@ -40,7 +43,9 @@ struct prt_profile; /* prt/profile.h */
 struct prt_radial_options {
     enum prt_radial_kind kind;
     enum prt_radial_family family;
-    double eta;                /* dipole only */
+    double eta;                           /* dipole only */
+    double eta_more[PRT_RADIAL_MORE_ETA]; /* further indices that one basis serves */
+    uint32_t n_eta_more;
     double sigma_lo, sigma_hi; /* sigma_s' (or sigma_t) range; 0: METHODS' whole range */
     double sigma_a_lo, sigma_a_hi;
     double radius_mm;    /* largest distance needed (object diameter); 0: 60 */
@@ -71,8 +76,8 @@ int prt_radial_from_table(const struct prt_context *ctx,
                           struct prt_radial **out);
 /* coef[n_function][3] of a material, from its dipole (or e^(-sigma_t r)); *error gets the
  * largest relative error over channels, true also for materials outside the range. <= 0.2 ms.
- * PRT_MISMATCH for another eta than the basis has, PRT_ARG for coefficients out of range or a
- * profile that is 0 inside the grid. Allocates nothing; error may be NULL.
+ * PRT_MISMATCH for an eta that the basis does not have, PRT_ARG for coefficients out of range
+ * or a profile that is 0 inside the grid. Allocates nothing; error may be NULL.
  */
 int prt_radial_fit_material(const struct prt_radial *radial,
                             const struct prt_material *material, float *coef, double *error);

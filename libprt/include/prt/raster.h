@@ -139,10 +139,10 @@ enum { PRT_LOOK_BASE = 1, PRT_LOOK_NORMAL = 2, PRT_LOOK_REST = 4, PRT_LOOK_ALL =
 struct prt_shade {
     unsigned n_plane;    /* phase planes: 1, 4, 9 or 16; plane 0 does not depend on the view */
     const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's factor */
-    float eta;           /* of the translucent material, >= 1 */
-    float roughness;     /* of its surface, [0,1] */
-    bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) over the divisor of
-                          * `exit` (METHODS §1) */
+    struct prt_media media; /* of the objects: only eta and roughness are read. Zeroed: eta 1,
+                               no reflection */
+    bool fresnel; /* multiply translucent radiance by F_t(eta, w_o) over the divisor of
+                   * `exit` (METHODS §1) */
     enum prt_exit exit;
     const struct prt_specular *specular; /* NULL: none */
     const struct prt_cube *background;   /* NULL: background_rgb */

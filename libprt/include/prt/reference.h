@@ -46,15 +46,15 @@ struct prt_reference_options {
  * of threads. Blocks; reports "surface", "reference irradiance" and "reference" as progress.
  * PRT_ARG, PRT_LIMIT, PRT_NOMEM, PRT_CANCELLED; color is then undefined. Thread-safe. */
 int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                         const struct prt_material *material, const struct prt_cube *light,
+                         const struct prt_media *media, const struct prt_cube *light,
                          const struct prt_reference_options *options, float (*color)[3]);
-/* Every material under every light, into color[material * n_light + light]. The samples and
- * their irradiance are computed once for all media, which must have one eta (PRT_MISMATCH
- * otherwise). n_material and n_light in [1, PRT_REFERENCE_MAX_MANY]. */
+/* Every map of media under every light, into color[map * n_light + light]. The samples and
+ * their irradiance are computed once for all maps, which must give each object one eta
+ * (PRT_MISMATCH otherwise). n_map and n_light in [1, PRT_REFERENCE_MAX_MANY]. */
 enum { PRT_REFERENCE_MAX_MANY = 64 };
 int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                       unsigned n_material, const struct prt_material *const material[],
-                       unsigned n_light, const struct prt_cube *const light[],
+                       unsigned n_map, const struct prt_media media[], unsigned n_light,
+                       const struct prt_cube *const light[],
                        const struct prt_reference_options *options, float (*const color[])[3]);
 /* Relative RMSE |a-b|/|b| over n values (METHODS §8), in double. INFINITY where b is 0 and a is
  * not. */

@@ -78,8 +78,9 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
 struct prt_term_input {
     const struct prt_tensor *tensor;
     const float *lit;         /* FACTORED: prt_contract_light's output for one light */
-    const float *coef;        /* FULL, RADIAL: [n_radial][3]; NULL otherwise */
-    const float (*factor)[3]; /* [n_phase] factors of plane k's channels; NULL: 1 */
+    const float *coef;        /* FULL, RADIAL: [medium][n_radial][3]; NULL otherwise */
+    const float (*factor)[3]; /* [medium][n_phase] factors of plane k's channels; NULL: 1 */
+    const uint8_t *medium;    /* [n_cluster] number of each cluster's medium; NULL: 0 */
     const uint8_t *dark;      /* [n_cluster] not 0: adds nothing to this cluster; NULL: none */
 };
 enum { PRT_MOST_PARTS = 4 };
@@ -114,17 +115,18 @@ int prt_contracted_light_create(const struct prt_context *ctx,
 void prt_contracted_light_destroy(struct prt_contracted_light *lit); /* NULL: nothing */
 size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit);
 
-/* A joint transport contracted with one material, for many lights (METHODS section 5, the other
- * order). It behaves as a wavelet transport: queries give no material. The smallest entries are
- * dropped, up to PRT_FIXED_ERROR of the colours (RMS over lights). Read-only; refers to
+/* A joint transport contracted with its objects' media, for many lights (METHODS section 5, the
+ * other order). It behaves as a wavelet transport: queries give no media. The smallest entries
+ * are dropped, up to PRT_FIXED_ERROR of the colours (RMS over lights). Read-only; refers to
  * `transport`, which must outlive it. */
 #define PRT_FIXED_ERROR 3e-3
 struct prt_contracted_transport;
-/* Takes some tenths of a second. PRT_MISMATCH: the transport is not joint, or the material has
- * another eta; PRT_ARG: the radial basis does not cover the material. */
+/* Takes some tenths of a second; copies the media. PRT_MISMATCH: the transport is not joint, or
+ * a medium has another eta than its object's bake; PRT_ARG: the radial basis does not cover a
+ * medium. */
 int prt_contracted_transport_create(const struct prt_context *ctx,
                                     const struct prt_transport *transport,
-                                    const struct prt_material *material,
+                                    const struct prt_media *media,
                                     struct prt_contracted_transport **out);
 void prt_contracted_transport_destroy(
     struct prt_contracted_transport *fixed); /* NULL: nothing */
@@ -146,9 +148,9 @@ enum prt_answer_term {
 /* Pointers are borrowed for the call. */
 struct prt_query {
     enum prt_answer_term term;
-    const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
-    const struct prt_material *material; /* NULL: the baked one; NULL for wavelet transport */
-    const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
+    const struct prt_cube *light; /* of the transport's cube size; NULL for polynomial */
+    struct prt_media media;       /* zeroed: the baked ones; zeroed for wavelet transport */
+    const float *eye;             /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
     const struct prt_contracted_light *lit; /* instead of light, when not NULL */
     enum prt_exit exit;                     /* of PRT_ANSWER_TOTAL */
 };
@@ -156,9 +158,9 @@ struct prt_query {
 /* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.
  * Without an eye F_t is its cosine-weighted mean and the phase function its l = 0 part. Opaque
  * vertices have albedo/pi E for every term but single, which is 0. PRT_MISMATCH: a light of
- * another cube, a material for a wavelet transport or of another eta; PRT_ARG: no light where
- * one is needed, another transport's lit, an eye that is not finite, a material that the radial
- * basis does not cover. */
+ * another cube, media for a wavelet transport or of another eta than an object's bake; PRT_ARG:
+ * no light where one is needed, another transport's lit, an eye that is not finite, a material
+ * that the radial basis does not cover. */
 int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, float (*color)[3]);
 
@@ -216,33 +218,33 @@ int prt_answer_coefficients(const struct prt_context *ctx,
                             const struct prt_query query[],
                             struct prt_coefficients *const out[]);
 
-/* What turns the sum of the layers into radiance at translucent vertices: without an eye
- * colour = max(0, mean * value), towards an eye max(0, F_t(eta, w_o) / divisor * value). For
- * terms other than the total both factors are 1. */
+/* What turns the sum of the layers into radiance at translucent vertices of one medium: without
+ * an eye colour = max(0, mean * value), towards an eye max(0, F_t(eta, w_o) / divisor * value).
+ * For terms other than the total both factors are 1. */
 struct prt_outgoing {
     float eta, roughness;
     float mean;       /* of F_t over the hemisphere, over divisor; 1 for a part of the total */
     float divisor;    /* of F_t */
     float view_slope; /* of single scattering: prt_view_slope */
 };
-/* material: NULL: the bake's; term and exit: of the query. */
-void prt_outgoing_of(const struct prt_transport *transport, const struct prt_material *material,
-                     enum prt_answer_term term, enum prt_exit exit, struct prt_outgoing *out);
+/* At vertices of an object that has this material; term and exit: of the query. */
+void prt_outgoing_of(const struct prt_material *material, enum prt_answer_term term,
+                     enum prt_exit exit, struct prt_outgoing *out);
 
 /* The largest part of R_d (of e^(-sigma_t r)) that a radial basis may lose of a material. */
 #define PRT_MATERIAL_MOST_ERROR 0.10
 /* The same for X07's own bases, polynomials and hats, which serve for comparison. */
 #define PRT_MATERIAL_MOST_ERROR_X07 0.30
 
-/* *error: what a joint or polynomial transport loses of a material, beside the bake's own
- * measured error. The largest integral of |dR| over that of R among the tensors of `term`;
- * multiple scattering adds 4 % for each sample spacing that a mean free path is short of
+/* *error: what a joint or polynomial transport loses of media, of the worst of them, beside the
+ * bake's own measured error. The largest integral of |dR| over that of R among the tensors of
+ *`term`; multiple scattering adds 4 % for each sample spacing that a mean free path is short of
  *. Takes at most 0.5 ms once the basis is cached. PRT_ARG, with the
  * parameter and its range in the log: the error exceeds the limits above, as queries refuse it;
  * PRT_MISMATCH: another eta or a fixed material. *error is set in every case. */
 int prt_answer_material_error(const struct prt_context *ctx,
                               const struct prt_transport *transport,
-                              const struct prt_material *material, enum prt_answer_term term,
+                              const struct prt_media *media, enum prt_answer_term term,
                               double *error);
 
 #ifdef __cplusplus

@@ -41,7 +41,7 @@ struct prt_screen_light {
 /* A picture is computed of this. */
 struct prt_screen_input {
     const struct prt_visibility *visibility; /* of the screen's mesh */
-    const struct prt_material *material;     /* of all objects without object_material */
+    struct prt_media media;                  /* of the objects */
     const struct prt_cube
         *cube;        /* environment; NULL: none. options' n_light lights replace it */
     uint32_t n_extra; /* further lights, at most 4096 */
@@ -105,7 +105,6 @@ struct prt_screen_options {
     bool sh_irradiance; /* cube lights: unshadowed irradiance of 16 harmonics, as in S09 */
     bool measure_error; /* compare some 500 points with REFERENCE; costs its rays and time */
     uint64_t seed;
-    const struct prt_material *object_material; /* [n_object]; NULL: the input's for all */
     uint32_t frame; /* index in a running mean (prt_screen_mean_add): each draws other samples,
                        and the mean converges to REFERENCE, TANGENT's to some 1 % of it. Equal
                        seed and frame give equal pictures */

@@ -119,10 +119,10 @@ enum { PRT_U_MOST = 1 << 14 };
 /* The content of a .prt. Arrays are borrowed: from the file's map (prt_file_open) or from the
  * memory of whoever made them (prt_file_write). */
 struct prt_transport {
-    struct prt_mesh mesh;         /* mm; mesh.owner NULL */
-    struct prt_material material; /* of the bake; that of a wavelet transport is fixed */
-    uint32_t cube;                /* n of the wavelet cubemap */
-    uint32_t engine;              /* enum prt_transport_kind */
+    struct prt_mesh mesh;   /* mm; mesh.owner NULL */
+    struct prt_media media; /* of the bake; those of a wavelet transport are fixed */
+    uint32_t cube;          /* n of the wavelet cubemap */
+    uint32_t engine;        /* enum prt_transport_kind */
     uint32_t n_tensor;
     struct prt_tensor tensor[4];
     const char *settings; /* JSON text: bake settings, provenance, versions, times */

@@ -369,7 +369,7 @@ static int edits(struct session *s)
     struct prt_file *file;
     int status = prt_file_open(&s->env->ctx, s->env->file, PRT_FILE_CHECK_HEADERS, &file);
     if (status) return status;
-    double eta = (double)prt_file_transport(file)->material.eta;
+    double eta = (double)prt_file_transport(file)->media.medium->eta;
     bool joint = prt_file_transport(file)->engine == PRT_TRANSPORT_JOINT;
     prt_file_close(file);
     if (!joint)

@@ -386,7 +386,8 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
         if (!n_free || (single && !n_single) || (lit && t->engine != PRT_TRANSPORT_JOINT))
             continue;
         snprintf(name, sizeof name, "%s_%s", prefix, single ? "with_single" : "multiple");
-        status = start(&e, env, t->cube ? t->cube : 32, n, tensors, (double)t->material.eta);
+        status =
+            start(&e, env, t->cube ? t->cube : 32, n, tensors, (double)t->media.medium->eta);
         if (!status) status = file_bases(&e);
         if (!status) status = figure(&e, name, single);
         stop(&e);
@@ -420,8 +421,8 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
     struct prt_contracted_light *lit = NULL;
     struct bench_time time = {0};
     unsigned n_plane = 0;
-    a.material.eta = t->material.eta;
-    a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .material = &a.material};
+    a.material.eta = t->media.medium->eta;
+    a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .media = prt_media_one(&a.material)};
     int status = bench_cube(t->cube ? t->cube : 32, env->seed, &cube);
     if (!status) status = prt_contracted_light_create(&env->ctx, t, &cube, &lit);
     a.query.lit = lit;
@@ -463,9 +464,9 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
     struct prt_contracted_transport *fixed = NULL;
     struct bench_time plain = {0}, time = {0};
     unsigned n_plane = 0;
-    a.material.eta = t->material.eta;
-    a.query =
-        (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &a.material};
+    a.material.eta = t->media.medium->eta;
+    a.query = (struct prt_query){
+        .term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&a.material)};
     int status = bench_cube(t->cube, env->seed, &cube);
     if (!status) status = prt_answer_planes(&env->ctx, t, &a.query, &n_plane, NULL);
     a.planes = prt_calloc(3ull * n_plane * t->mesh.n_vertex, sizeof *a.planes);
@@ -474,9 +475,9 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
     float *free_planes = prt_alloc(n, sizeof *free_planes);
     if (!status && free_planes) memcpy(free_planes, a.planes, n * sizeof *free_planes);
     double started = prt_time_s(), off = 0, all = 0;
-    if (!status) status = prt_contracted_transport_create(&env->ctx, t, &a.material, &fixed);
+    if (!status) status = prt_contracted_transport_create(&env->ctx, t, &a.query.media, &fixed);
     double seconds = prt_time_s() - started;
-    a.query.material = NULL;
+    a.query.media.n = 0;
     if (!status) a.transport = prt_contracted_transport_get(fixed);
     if (!status)
         status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);

@@ -111,7 +111,7 @@ static struct prt_screen_input input_of(const struct stage *s,
                                         const struct prt_screen_light *light)
 {
     return (struct prt_screen_input){.visibility = s->vis,
-                                     .material = &s->material,
+                                     .media = prt_media_one(&s->material),
                                      .cube = s->cube,
                                      .n_extra = !s->cube,
                                      .extra = light};
@@ -127,8 +127,9 @@ static struct prt_screen_light next_light(struct stage *s)
 
 static struct prt_shade plain_shade(const struct stage *s)
 {
-    return (struct prt_shade){
-        .eta = s->material.eta, .fresnel = true, .background_rgb = {0.05f, 0.05f, 0.05f}};
+    return (struct prt_shade){.media = prt_media_one(&s->material),
+                              .fresnel = true,
+                              .background_rgb = {0.05f, 0.05f, 0.05f}};
 }
 
 static int one_image(void *arg)
@@ -625,11 +626,11 @@ static int run_raster(struct bench_env *env)
         job.rgb8 = prt_alloc(800 * 600, 3);
         status = planes && job.rgb8 ? PRT_OK : PRT_NOMEM;
     }
+    const struct prt_material surface = {.eta = 1.5f, .roughness = 0.3f};
     for (unsigned n = 1; n <= 4 && !status; n += 3) {
         job.shade = (struct prt_shade){.n_plane = n,
                                        .planes = planes,
-                                       .eta = 1.5f,
-                                       .roughness = 0.3f,
+                                       .media = prt_media_one(&surface),
                                        .fresnel = true,
                                        .specular = job.specular,
                                        .background = &sky};

@@ -384,7 +384,8 @@ int synthetic_bunny(const struct prt_context *ctx, const char *path, bool quick,
                                   .cube = 32,
                                   .coefs = 512,
                                   .seed = seed};
-    struct prt_transport t = {.cube = 32, .n_tensor = 1, .material = {.eta = 1.3f}};
+    const struct prt_material material = {.eta = 1.3f};
+    struct prt_transport t = {.cube = 32, .n_tensor = 1, .media = prt_media_one(&material)};
     int status = synthetic_mesh(o.n_vertex, false, &t.mesh);
     if (!status) status = synthetic_tensor(&o, &t.tensor[0]);
     if (!status) status = prt_file_write(ctx, path, &t);

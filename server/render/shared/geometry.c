@@ -81,7 +81,7 @@ static struct shape *create_shape(struct cache_entry *file)
     s->file = file;
     cache_hold(s->file);
     s->mesh = t->mesh;
-    s->material = &t->material;
+    s->media = &t->media;
     return s;
 }
 

@@ -38,9 +38,9 @@ struct shape {
     struct cache_entry *file; /* the open .prt whose mesh it is */
     struct pose *pose;        /* NULL: as in the file */
     struct prt_mesh mesh;
-    float (*normal)[3]; /* owned; with a pose */
-    const struct prt_material *material;
-    pthread_mutex_t lock; /* guards creating `scene` */
+    float (*normal)[3];            /* owned; with a pose */
+    const struct prt_media *media; /* of the file */
+    pthread_mutex_t lock;          /* guards creating `scene` */
     struct prt_scene *scene;
     struct screen_slot slot[SHAPE_SLOTS];
 };

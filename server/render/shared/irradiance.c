@@ -24,8 +24,8 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
     job->value = out = malloc(job->bytes);
     if (!out) return PRT_NOMEM;
     *out = (struct vertex_values){.n_plane = 1, .n_vertex = mesh->n_vertex, .shared = 1};
-    return prt_reference_colors(ctx, mesh,
-                                own->has_material ? &own->material : &transport->material,
+    const struct prt_media given = prt_media_one(&own->material);
+    return prt_reference_colors(ctx, mesh, own->has_material ? &given : &transport->media,
                                 own->light->value, &options, (float(*)[3])out->values);
 }
 

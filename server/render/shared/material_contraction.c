@@ -16,6 +16,7 @@ enum { LIGHTS_BEFORE = 8, PREFIX = 300 };
 struct material_contraction_job {
     struct cache_job job;
     struct cache_entry *file;
+    bool has_material; // else the bake's media
     struct prt_material material;
 };
 
@@ -34,8 +35,10 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
     struct prt_context one_thread = *ctx; // the other workers serve requests meanwhile
     if (!c) return PRT_NOMEM;
     one_thread.pool = NULL;
+    const struct prt_transport *t = prt_file_transport(own->file->value);
+    const struct prt_media given = prt_media_one(&own->material);
     int status = prt_contracted_transport_create(
-        &one_thread, prt_file_transport(own->file->value), &own->material, &c->contracted);
+        &one_thread, t, own->has_material ? &given : &t->media, &c->contracted);
     if (!status) job->bytes = sizeof *c + prt_contracted_transport_bytes(c->contracted);
     return status;
 }
@@ -64,7 +67,8 @@ static struct cache_entry *compute(struct server *server, const char *key,
     if (!job) return entry;
     struct material_contraction_job *own = (struct material_contraction_job *)job;
     own->file = file;
-    own->material = *material;
+    own->has_material = material != NULL;
+    if (material) own->material = *material;
     cache_job_hold(job, file);
     server->stats.materials_fixed++;
     cache_job_submit(job);
@@ -123,7 +127,7 @@ struct cache_entry *material_contraction_get(struct model *model, uint64_t gener
              (unsigned long long)(uintptr_t)file->value);
     struct cache_entry *entry = cache_find(cache, key);
     if (!entry && count_lights(cache, prefix, light->key) > LIGHTS_BEFORE)
-        entry = compute(model->server, key, file, material ? material : &t->material);
+        entry = compute(model->server, key, file, material);
     if (entry && entry->state == CACHE_READY) return entry;
     cache_release(entry);
     return NULL;

@@ -58,7 +58,8 @@ static struct prt_query item_query(const struct pass_item *item)
         item->contracted_light ? item->contracted_light->value : NULL;
     return (struct prt_query){.term = q->term,
                               .light = item->light ? item->light->value : NULL,
-                              .material = q->has_material ? &q->material : NULL,
+                              .media = q->has_material ? prt_media_one(&q->material)
+                                                       : (struct prt_media){0},
                               .eye = q->has_eye ? q->eye : NULL,
                               .lit = c ? c->contracted : NULL};
 }
@@ -76,8 +77,8 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     int status = item->query.coefficients ? prt_coefficients_plan(ctx, t, &query, &rows)
                  : item->query.planes     ? prt_answer_planes(ctx, t, &query, &n_plane, NULL)
                                           : PRT_OK;
-    if (!status && query.material)
-        status = prt_answer_material_error(ctx, t, query.material, query.term, &error);
+    if (!status && query.media.n)
+        status = prt_answer_material_error(ctx, t, &query.media, query.term, &error);
     if (status) return status;
     const size_t each = (size_t)t->mesh.n_vertex * 3 * sizeof(float);
     item->job.bytes =
@@ -113,7 +114,7 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
                 continue;
             done[i] = true;
             query[m] = item_query(item[i]);
-            if (item[i]->contracted_material) query[m].material = NULL; // it is in t already
+            if (item[i]->contracted_material) query[m].media.n = 0; // they are in t already
             planes[m] = item[i]->query.planes;
             rows[m] = &values->coefficients;
             out[m++] = values->values;

@@ -81,8 +81,8 @@ static int compute(struct screen_job *job, const struct prt_context *ctx,
     struct shape *shape = job->shape->value;
     const struct screen_query *q = &job->query;
     struct prt_screen_input input = {.visibility = job->visibility->value,
-                                     .material =
-                                         q->has_material ? &q->material : shape->material,
+                                     .media = q->has_material ? prt_media_one(&q->material)
+                                                              : *shape->media,
                                      .cube = job->light->value};
     const struct prt_scene *scene;
     struct prt_screen_options options = {.frame = q->frame, .maps_checked = true};

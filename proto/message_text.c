@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Messages as JSON and as words, by their descriptors. All allocations are malloc()'s, so that
 // protobuf_c_message_free_unpacked frees what is set here.
-#include "net/message_text.h"
+#include "message_text.h"
 
 #include "frame.h"
 

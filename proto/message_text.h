@@ -3,8 +3,8 @@
  * them, by their descriptors. Fields have the names of relight.proto. A value of an enum is its
  * name without the enum's first word, in lower case: MODEL_READY is "ready". 64-bit numbers are
  * JSON numbers. Thread-safe. */
-#ifndef RELIGHTD_MESSAGE_TEXT_H
-#define RELIGHTD_MESSAGE_TEXT_H
+#ifndef RELIGHT_MESSAGE_TEXT_H
+#define RELIGHT_MESSAGE_TEXT_H
 
 #include <protobuf-c/protobuf-c.h>
 

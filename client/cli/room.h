@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: MIT */
+/* room.h declares what the files of `relight room` share. */
+#ifndef RELIGHT_CLI_ROOM_H
+#define RELIGHT_CLI_ROOM_H
+
+#include "cli.h"
+
+struct room_call {
+    struct relight_client *client;
+    struct options *options;
+    struct relight_error error;
+    char room[RELIGHT_ROOM]; /* "" for verbs without one */
+    const char *me;          /* display name */
+    const char *const *word; /* after the room, or after the verb */
+    unsigned n_word;
+};
+
+/* Each returns an exit status after reporting. */
+int room_failed(struct room_call *c); /* reports c->error */
+int room_list(struct room_call *c);
+int room_show(struct room_call *c);
+int room_log(struct room_call *c);
+int room_watch(struct room_call *c);
+int room_export(struct room_call *c);
+int room_import(struct room_call *c);
+
+/* The room's state, deleted by the caller with cJSON_Delete. NULL after reporting. */
+cJSON *room_state(struct room_call *c);
+/* Does an action, which is deleted. out may be NULL. */
+int room_act(struct room_call *c, cJSON *action, struct relight_room_edited *out);
+/* An action with one field: its value is deleted with it. */
+cJSON *room_action(const char *field, cJSON *value);
+
+/* room_scene.c: the scene that the options describe. parts: names of the parts that they set;
+ * it is deleted by the caller. */
+int room_scene(struct room_call *c, cJSON **scene, cJSON **parts);
+
+/* Fields of JSON that the daemon sent; 0, "" or NULL where they are missing. */
+const char *text_of(const cJSON *json, const char *field);
+double number_of(const cJSON *json, const char *field);
+const cJSON *list_of(const cJSON *json, const char *field);
+/* Time in microseconds as "2026-11-22 21:04" (local), or as "2026-11-22T21:04:05Z". */
+void print_time(char out[32], double time_us);
+void print_utc(char out[32], double time_us);
+/* Who a stamp is of: display name, else principal. */
+const char *author_of(const cJSON *stamp);
+/* The item whose stamp has this sequence; NULL. */
+const cJSON *item_of(const cJSON *list, double sequence);
+/* A whole number of a word; false for anything else. */
+bool whole_word(const char *word, uint64_t *out);
+
+/* room_material.c: the approved material for other programs, into the folder of -o. */
+int export_material(struct room_call *c, const cJSON *state);
+
+/* bcf.c: pins as a BCF 2.1 file, and back. */
+int bcf_write(struct room_call *c, const cJSON *state, const char *path);
+int bcf_read(struct room_call *c, const char *path, cJSON **topics);
+
+#endif

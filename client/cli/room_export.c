@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: MIT
+// relight room export: a room as files; import: pins of a BCF file become pins of a room.
+#include "room.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+static int file_failed(struct room_call *c, const char *path)
+{
+    c->error = (struct relight_error){.code = RELIGHT_E_FILE};
+    snprintf(c->error.text, sizeof c->error.text, "%.300s: %s", path, strerror(errno));
+    return room_failed(c);
+}
+
+static int make_folder(struct room_call *c, const char *path)
+{
+    return mkdir(path, 0777) && errno != EEXIST ? file_failed(c, path) : EXIT_DONE;
+}
+
+static void path_in(struct room_call *c, char out[4096], const char *name)
+{
+    snprintf(out, 4096, "%s/%s", c->options->output, name);
+}
+
+static int write_text(struct room_call *c, const char *name, const char *text)
+{
+    char path[4096];
+    path_in(c, path, name);
+    return write_file(c->options, path, text, strlen(text));
+}
+
+static int write_json(struct room_call *c, const char *name, const cJSON *json)
+{
+    char *text = cJSON_Print(json);
+    if (!text) return report_usage(c->options, "not enough memory");
+    int status = write_text(c, name, text);
+    free(text);
+    return status;
+}
+
+// ---- pictures
+
+static int write_picture(struct room_call *c, const char *name,
+                         const struct relight_room_view *view)
+{
+    struct relight_image image;
+    char path[4096];
+    path_in(c, path, name);
+    if (relight_room_picture(c->client, c->room, view, &image, &c->error))
+        return room_failed(c);
+    int status = write_file(c->options, path, image.data, image.n_byte);
+    relight_image_finish(&image);
+    return status;
+}
+
+static int write_pictures(struct room_call *c, const cJSON *state)
+{
+    const cJSON *item;
+    char name[80];
+    int status = EXIT_DONE;
+    for (int kind = 0; kind < 2; kind++)
+        cJSON_ArrayForEach(item, list_of(state, kind ? "decisions" : "pins"))
+        {
+            uint64_t sequence = (uint64_t)number_of(list_of(item, "stamp"), "sequence");
+            struct relight_room_view view = {.format = RELIGHT_IMAGE_PNG};
+            if (kind) view.decision = sequence;
+            else view.pin = sequence;
+            snprintf(name, sizeof name, "pictures/%s-%llu.png", kind ? "decision" : "pin",
+                     (unsigned long long)sequence);
+            if (!status) status = write_picture(c, name, &view);
+        }
+    return status;
+}
+
+// ---- decisions
+
+// A cell that a spreadsheet would take for a formula begins with an apostrophe.
+static void put_cell(FILE *out, const char *text, bool last)
+{
+    fputc('"', out);
+    if (*text && strchr("=+-@\t\r", *text)) fputc('\'', out);
+    for (; *text; text++) {
+        if (*text == '"') fputc('"', out);
+        fputc(*text, out);
+    }
+    fputs(last ? "\"\r\n" : "\",", out);
+}
+
+static int write_decisions(struct room_call *c, const cJSON *state)
+{
+    char *text = NULL, when[32], number[32];
+    size_t n;
+    const cJSON *d;
+    FILE *out = open_memstream(&text, &n);
+    if (!out) return report_usage(c->options, "not enough memory");
+    fputs("decision,time,name,principal,verdict,revision,note,hash,picture,model,bake\r\n",
+          out);
+    cJSON_ArrayForEach(d, list_of(state, "decisions"))
+    {
+        const cJSON *stamp = list_of(d, "stamp"), *seen = list_of(d, "seen");
+        print_utc(when, number_of(stamp, "time_us"));
+        fprintf(out, "%.0f,%s,", number_of(stamp, "sequence"), when);
+        put_cell(out, text_of(stamp, "name"), false);
+        put_cell(out, text_of(stamp, "by"), false);
+        put_cell(out, cJSON_IsTrue(list_of(d, "approve")) ? "approved" : "rejected", false);
+        snprintf(number, sizeof number, "%.0f", number_of(seen, "revision"));
+        put_cell(out, number, false);
+        put_cell(out, text_of(d, "note"), false);
+        put_cell(out, text_of(d, "hash"), false);
+        put_cell(out, text_of(seen, "picture_hash"), false);
+        put_cell(out, text_of(seen, "model"), false);
+        put_cell(out, text_of(seen, "bake_hash"), true);
+    }
+    int status = fclose(out) ? report_usage(c->options, "not enough memory")
+                             : write_text(c, "decisions.csv", text);
+    free(text);
+    return status;
+}
+
+// ---- the log
+
+static int write_log(struct room_call *c)
+{
+    cJSON *all = cJSON_CreateArray();
+    for (uint64_t after = 0, last = 1; last; after = last) {
+        char *text;
+        if (relight_room_log(c->client, c->room, after, &text, &last, &c->error)) {
+            cJSON_Delete(all);
+            return room_failed(c);
+        }
+        cJSON *part = cJSON_Parse(text), *events = cJSON_GetObjectItem(part, "events");
+        free(text);
+        while (cJSON_GetArraySize(events))
+            cJSON_AddItemToArray(all, cJSON_DetachItemFromArray(events, 0));
+        cJSON_Delete(part);
+    }
+    int status = write_json(c, "history.json", all);
+    cJSON_Delete(all);
+    return status;
+}
+
+int room_export(struct room_call *c)
+{
+    char path[4096];
+    if (!c->options->output) return report_usage(c->options, "export: -o FOLDER is missing");
+    if (strlen(c->options->output) > sizeof path - 100)
+        return report_usage(c->options, "-o: the path is too long");
+    cJSON *state = room_state(c);
+    if (!state) return EXIT_FAILED;
+    path_in(c, path, "pictures");
+    int status = make_folder(c, c->options->output);
+    if (!status) status = make_folder(c, path);
+    if (!status) status = write_json(c, "room.json", state);
+    if (!status) status = write_log(c);
+    if (!status) status = write_pictures(c, state);
+    if (!status) status = write_decisions(c, state);
+    path_in(c, path, "pins.bcf");
+    if (!status) status = bcf_write(c, state, path);
+    if (!status) status = export_material(c, state);
+    if (!status && !c->options->json)
+        printf("%s: %d pins, %d decisions\n", c->options->output,
+               cJSON_GetArraySize(list_of(state, "pins")),
+               cJSON_GetArraySize(list_of(state, "decisions")));
+    cJSON_Delete(state);
+    return status;
+}
+
+// ---- import
+
+// Notes of others keep their author's name and date as text: who imports is who acts.
+static cJSON *note_text(const cJSON *author, const cJSON *date, const char *text)
+{
+    char all[8192];
+    const char *a = cJSON_GetStringValue(author), *d = cJSON_GetStringValue(date);
+    snprintf(all, sizeof all, "%.7000s\n(%.64s, %.32s)", text, a ? a : "?", d ? d : "?");
+    return cJSON_CreateString(all);
+}
+
+static int import_pin(struct room_call *c, const cJSON *topic, uint64_t *pin)
+{
+    const cJSON *own = list_of(topic, "relight"), *scene = list_of(own, "scene");
+    const cJSON *at = list_of(list_of(own, "pin"), "at");
+    const char *text = text_of(topic, "Description");
+    struct relight_room_edited edited;
+    cJSON *m = cJSON_CreateObject();
+    if (!*text) text = text_of(topic, "Title");
+    cJSON_AddItemToObject(
+        m, "text",
+        note_text(list_of(topic, "CreationAuthor"), list_of(topic, "CreationDate"), text));
+    // Another program's topic has no point of the surface: it is pinned to the first triangle.
+    cJSON_AddItemToObject(m, "at", at ? cJSON_Duplicate(at, 1) : cJSON_CreateObject());
+    if (scene) cJSON_AddItemToObject(m, "scene", cJSON_Duplicate(scene, 1));
+    int status = room_act(c, room_action("pin", m), &edited);
+    *pin = edited.sequence;
+    return status;
+}
+
+static int import_notes(struct room_call *c, const cJSON *topic, uint64_t pin)
+{
+    const cJSON *comment, *first = cJSON_GetArrayItem(list_of(topic, "comments"), 0);
+    int status = EXIT_DONE;
+    cJSON_ArrayForEach(comment, list_of(topic, "comments"))
+    {
+        const char *text = text_of(comment, "Comment");
+        // Our own first comment is the pin's text.
+        if (!*text || (comment == first && !strcmp(text, text_of(topic, "Description"))))
+            continue;
+        cJSON *m = cJSON_CreateObject();
+        cJSON_AddNumberToObject(m, "target", (double)pin);
+        cJSON_AddItemToObject(
+            m, "text", note_text(list_of(comment, "Author"), list_of(comment, "Date"), text));
+        if (!status) status = room_act(c, room_action("reply", m), NULL);
+        else cJSON_Delete(m);
+    }
+    const char *word = text_of(topic, "status");
+    if (!status && (!strcmp(word, "Closed") || !strcmp(word, "Resolved"))) {
+        cJSON *m = cJSON_CreateObject();
+        cJSON_AddNumberToObject(m, "pin", (double)pin);
+        cJSON_AddBoolToObject(m, "resolved", 1);
+        status = room_act(c, room_action("status", m), NULL);
+    }
+    return status;
+}
+
+int room_import(struct room_call *c)
+{
+    cJSON *topics, *topic;
+    int status = bcf_read(c, c->word[0], &topics);
+    if (status) return status;
+    cJSON_ArrayForEach(topic, topics)
+    {
+        uint64_t pin;
+        if (!status) status = import_pin(c, topic, &pin);
+        if (!status) status = import_notes(c, topic, pin);
+    }
+    if (!status && !c->options->json) printf("%d pins\n", cJSON_GetArraySize(topics));
+    cJSON_Delete(topics);
+    return status;
+}

@@ -1,0 +1,145 @@
+#!/bin/bash
+# SPDX-License-Identifier: MIT
+# relight room against a live daemon: a review from its beginning to its export. A pin is drawn
+# again with the same bytes, also after a restart; the BCF file comes back by our own import.
+#   room_cli.sh BIN SCHEMAS [bcf]     bcf: only the check of the BCF file against its schemas
+set -u
+export LC_ALL=C USER=ann
+bin=${1:?the folder of the programs} schemas=$2 only=${3-}
+if [ -n "$only" ] && { [ ! -f "$schemas/markup.xsd" ] || ! command -v xmllint >/dev/null || ! command -v unzip >/dev/null; }; then
+    echo "skipped: $schemas/markup.xsd, xmllint or unzip is not there"
+    [ "${PRT_REQUIRE_DATA-}" != 1 ] || exit 1
+    exit 77
+fi
+dir=$(mktemp -d)
+cd "$dir" || exit 1
+daemon=
+finish() {
+    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
+    rm -rf "$dir"
+}
+trap finish EXIT
+fail() {
+    echo "FAIL: $*"
+    tail -n 6 out err log 2>/dev/null | sed 's/^/    /'
+    exit 1
+}
+expect() { # STATUS ARGUMENTS...
+    local want=$1 got
+    shift
+    timeout 100 "$bin/relight" -s "unix:$dir/s" "$@" >out 2>err </dev/null
+    got=$?
+    [ $got = "$want" ] || fail "status $got, not $want: relight $*"
+}
+says() { grep -q -- "$1" out err || fail "no \"$1\" in: $(cat out err)"; }
+start() {
+    : >log
+    "$bin/relightd" --data "$dir/data" --models "$dir" --listen "unix:$dir/s" "$@" 2>>log &
+    daemon=$!
+    for _ in $(seq 200); do
+        grep -q ' start version' log && return
+        sleep 0.05
+    done
+    fail "the daemon does not start"
+}
+printf 'v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n' >small.obj
+printf 'f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n' >>small.obj
+start
+expect 0 load small.obj --remote --size-mm 20 --material marble --wait --samples 1000
+
+# ---- a review
+room='Ball, in "jade"'
+expect 0 room create "$room" --model small --env constant:1,1,1 --exposure 1 --size 96x64
+expect 0 room pin "$room" 'too red, @Bob
+second line & <b>' --at 0,2,0.3,0.2
+expect 0 room pin "$room" '=1+1' --at 0,3,0.3,0.2 --as Bob
+expect 0 room reply "$room" 2 'I see it' --as Bob
+expect 0 room resolve "$room" 3
+expect 0 room approve "$room" '=cmd()'
+expect 0 room show "$room" 2 -o first.png
+expect 0 room scene "$room" --env constant:1,0.5,0.2 --camera 0,0,5:0,0,0
+expect 0 room show "$room" -o now.png
+cmp -s first.png now.png && fail "the pin's picture is that of the scene now"
+expect 0 room show "$room"
+says 'approved at revision 1, changed since: =cmd()'
+expect 0 room save "$room"
+expect 0 room show "$room"
+says 'approved at revision 1, now at 2'
+expect 0 room undo "$room"
+expect 0 room show "$room" -o undone.png
+cmp first.png undone.png || fail "undo does not bring the scene back"
+
+# ---- mistakes have their remedy
+expect 2 room frown "$room" && says 'expected one of create'
+expect 2 room pin "$room" && says 'relight room pin ROOM TEXT'
+expect 1 room show nowhere && says 'relight room list'
+expect 2 room pin "$room" text --at 0,0,2,2 && says 'weights'
+expect 1 room resolve "$room" 77 && says 'no pin 77'
+expect 2 room resolve "$room" seven && says 'expected a number'
+expect 2 room resolve "$room" 3 && says 'resolved already'
+
+# ---- export: the decision's picture is what its hash says
+if [ -z "$only" ]; then
+    expect 0 room export "$room" -o export
+    hash=$(sha256sum <first.png | cut -c1-64)
+    grep -q "\"$hash\"" export/decisions.csv || fail "the decision's picture hash"
+    cmp first.png export/pictures/pin-2.png || fail "the picture of the pin"
+    # No cell is a formula for a spreadsheet.
+    ! grep -E '(^|,)"[=+@-]' export/decisions.csv || fail "a formula in decisions.csv"
+    python3 - <<'END' || fail "the exported material"
+import json, math, re
+m = json.load(open('export/material.json'))
+g = json.load(open('export/material.gltf'))['materials'][0]['extensions']
+v, s = g['KHR_materials_volume'], g['KHR_materials_volume_scatter']
+x = open('export/material.mtlx').read()
+radius = [float(t) for t in re.search(r'subsurface_radius.*value="([^"]*)"', x).group(1).split(',')]
+for c in range(3):
+    sigma_t = m['sigma_s_prime'][c] / (1 - m['g'][c]) + m['sigma_a'][c]
+    # Beer and Lambert over one distance, which glTF has in metres.
+    assert abs(v['attenuationColor'][c] - math.exp(-sigma_t * v['attenuationDistance'] * 1e3)) < 1e-5
+    assert abs(radius[c] * (m['sigma_s_prime'][c] + m['sigma_a'][c]) - 1) < 1e-5
+    assert 0.7 < s['multiscatterColor'][c] < 0.9 # marble
+r = json.load(open('export/room.json'))
+h = json.load(open('export/history.json'))
+assert len(h) == r['sequence'] and [e['stamp']['sequence'] for e in h] == list(range(1, len(h) + 1))
+END
+    # ---- the same bytes over a restart, and from a copy of the store
+    expect 0 room backup -o copy.sqlite
+    kill -KILL $daemon && wait $daemon 2>/dev/null
+    start --rooms "sqlite:$dir/copy.sqlite"
+    expect 0 room show "$room" 2 -o again.png
+    cmp first.png again.png || fail "the picture of a pin differs after a restart"
+fi
+
+# ---- BCF
+expect 0 room export "$room" -o export
+expect 0 room create copy
+expect 0 room import copy export/pins.bcf
+says '2 pins'
+expect 0 room show copy
+says 'too red, @Bob'
+says 'resolved'
+expect 0 room show copy 2
+says 'I see it'
+expect 0 room show copy 2 -o imported.png
+cmp first.png imported.png || fail "the imported pin shows another picture"
+expect 0 room export copy -o second
+head -c 3000 export/pins.bcf >cut.bcf
+expect 1 room import copy cut.bcf && says 'zip'
+if [ -n "$only" ]; then
+    for file in export second; do
+        mkdir "u-$file" && (cd "u-$file" && unzip -q "../$file/pins.bcf") || fail "unzip $file/pins.bcf"
+        xmllint --noout --schema "$schemas/version.xsd" "u-$file/bcf.version" 2>err || fail "bcf.version"
+        xmllint --noout --schema "$schemas/project.xsd" "u-$file/project.bcfp" 2>err || fail "project.bcfp"
+        n=0
+        for topic in "u-$file"/*/; do
+            xmllint --noout --schema "$schemas/markup.xsd" "$topic/markup.bcf" 2>err || fail "$topic markup.bcf"
+            xmllint --noout --schema "$schemas/visinfo.xsd" "$topic/viewpoint.bcfv" 2>err || fail "$topic viewpoint.bcfv"
+            n=$((n + 1))
+        done
+        [ $n = 2 ] || fail "$n topics in $file/pins.bcf"
+    done
+fi
+kill $daemon && wait $daemon || fail "the daemon's end"
+daemon=
+echo "room_cli${only:+ $only}: fine"
