@@ -29,9 +29,10 @@ struct picture {
     unsigned n_plane;
     bool plain; // a plain background, or none
     bool transparent;
-    float *shadow;                  // of --floor
-    struct prt_scene *scene;        // of specular occlusion of a model and its error
-    double specular_error, without; // of reflections against traced rays, --measure-error; of the first medium
+    float *shadow;           // of --floor
+    struct prt_scene *scene; // of specular occlusion of a model and its error
+    double specular_error,
+        without; // of reflections against traced rays, --measure-error; of the first medium
     bool specular_measured;
     float background[3];
     struct prt_image image;
