@@ -41,7 +41,7 @@ static void create(struct request *request, const Relight__RoomAction *action)
     snprintf(room->owner, sizeof room->owner, "%s", request->conn->caller.name);
     room_hold(room);
     room_edit(request, room, action, RELIGHT__ROOM_ROLE__ROLE_OWNER);
-    if (!room->n_edit) give_back_room(request->server, room->owner); // it was refused
+    if (!room->n_edit) give_back_room(rooms->server, room->owner); // it was refused
     room_release(room);
 }
 
