@@ -121,6 +121,10 @@ static void priorities(void **data)
 static void idleness_is_forgotten(void **data)
 {
     struct fair_queue q = {0};
+    struct fair_item *first = add(&q, "late", WORK_INTERACTIVE); // then it is idle
+    assert_ptr_equal(fair_pop(&q, false), first);
+    fair_ended(&q, first, 1000, NULL, 0);
+    drop(first);
     for (int i = 0; i < 1000; i++) {
         add(&q, "busy", WORK_INTERACTIVE);
         struct fair_item *item = fair_pop(&q, false);
@@ -195,12 +199,37 @@ static void random_operations(void **data)
     memset(taken, 0, sizeof taken);
 }
 
+// While an item runs its flow is charged what its items took on average; when it ended, what it
+// took: virtual time is the compute time used, so that costs that vary are paid once.
+static void what_was_used_is_paid(void **unused)
+{
+    struct fair_queue q = {0};
+    uint64_t used = 0;
+    for (int i = 0; i < 50; i++) {
+        struct fair_flow *f = fair_flow(&q, "anna");
+        uint64_t cost = 1000 + rnd(100000);
+        struct fair_item *item = add(&q, "anna", WORK_INTERACTIVE);
+        assert_ptr_equal(fair_pop(&q, false), item);
+        assert_int_equal(f->virtual_ns, used + f->mean_ns);
+        fair_ended(&q, item, cost, NULL, 0);
+        drop(item);
+        used += cost;
+        assert_int_equal(f->virtual_ns, used);
+        assert_int_equal(f->used_ns, used);
+    }
+    fair_finish(&q);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(equal_shares),     cmocka_unit_test(priorities_do_not_starve),
-        cmocka_unit_test(priorities),       cmocka_unit_test(idleness_is_forgotten),
-        cmocka_unit_test(shares_are_split), cmocka_unit_test(random_operations),
+        cmocka_unit_test(equal_shares),
+        cmocka_unit_test(priorities_do_not_starve),
+        cmocka_unit_test(priorities),
+        cmocka_unit_test(idleness_is_forgotten),
+        cmocka_unit_test(shares_are_split),
+        cmocka_unit_test(random_operations),
+        cmocka_unit_test(what_was_used_is_paid),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -670,15 +670,27 @@ static void tone_values(void **state)
     assert_true(nine[0] == 0 && nine[1] > 100 && nine[1] < 130 && nine[2] > 190 &&
                 nine[2] < 220 && nine[3] > nine[2] && nine[4] == 255);
     assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_FILMIC, 1000, nine), PRT_ARG);
-    // every value of a ramp is within one step of the exact curve
-    float ramp[3 * 4096];
-    uint8_t got[3 * 4096];
-    for (int i = 0; i < 3 * 4096; i++) ramp[i] = (float)(i * i) / (3 * 4096.0f * 3 * 4096);
-    struct prt_image long_image = {4096, 1, ramp};
-    assert_int_equal(prt_tone_map(&quiet, &long_image, PRT_TONE_NONE, 0, got), PRT_OK);
-    for (int i = 0; i < 3 * 4096; i++) {
-        double x = ramp[i], y = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
-        assert_true(fabs(255 * y - got[i]) < 0.65);
+}
+
+// Every value of a ramp is within one step of the curves of METHODS §6: none, filmic, Reinhard.
+static void tone_curves(void **state)
+{
+    static float ramp[3 * 4096];
+    static uint8_t got[3 * 4096];
+    struct prt_image image = {4096, 1, ramp};
+    for (int tone = 0; tone < 3; tone++) {
+        float top = tone == PRT_TONE_NONE ? 1 : 30;
+        for (int i = 0; i < 3 * 4096; i++)
+            ramp[i] = top * (float)(i * i) / (3 * 4096.0f * 3 * 4096);
+        assert_int_equal(prt_tone_map(&quiet, &image, (enum prt_tone)tone, 0, got), PRT_OK);
+        for (int i = 0; i < 3 * 4096; i++) {
+            double x = ramp[i], y = x;
+            if (tone == PRT_TONE_FILMIC) y = x * (x + 0.06) / (x * (x + 0.62) + 0.09);
+            if (tone == PRT_TONE_REINHARD) y = x / (1 + x);
+            y = y <= 0.0031308 ? 12.92 * y : 1.055 * pow(y, 1 / 2.4) - 0.055;
+            if (!(fabs(255 * y - got[i]) < 0.65))
+                fail_msg("tone %d: %g is %d, not %g", tone, x, got[i], 255 * y);
+        }
     }
 }
 
@@ -808,6 +820,7 @@ int main(void)
         cmocka_unit_test(kernels_agree),
         cmocka_unit_test(points_compose_as_planes),
         cmocka_unit_test(tone_values),
+        cmocka_unit_test(tone_curves),
         cmocka_unit_test(camera_faults),
         cmocka_unit_test(sizes_are_limited),
         cmocka_unit_test(default_camera_frames),

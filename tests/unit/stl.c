@@ -137,6 +137,7 @@ static void faults_are_named(void **state)
     size_t size = binary(n, facets, "x", bytes);
     assert_int_equal(load(bytes, size - 7, false, &m), PRT_FORMAT);
     assert_non_null(strstr(lines, "and the file has"));
+    assert_int_equal(load(bytes, size - 1, false, &m), PRT_FORMAT);
     memset(bytes + 80, 0xff, 4); // four billion facets
     assert_int_equal(load(bytes, size, false, &m), PRT_FORMAT);
     size = binary(n, facets, "x", bytes);

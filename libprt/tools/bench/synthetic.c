@@ -95,6 +95,9 @@ static int make_patterns(struct prt_rng *rng, const struct synthetic_options *o,
                          struct patterns *p)
 {
     uint32_t n_coef = 6 * o->cube * o->cube, at = 0;
+    // A bake stores what an entry's bytes leave as a second entry, where that pays; low-rank
+    // rows alone may have an index twice.
+    bool twice = o->coupling == PRT_COUPLE_FULL && o->value == PRT_VALUE_I8;
     float scale = chance_scale(o->cube, o->coefs), *chance = prt_alloc(n_coef, 4);
     p->n = n_row < 64 ? n_row : 64;
     size_t room = (size_t)p->n * (4 * o->coefs + 64);
@@ -107,8 +110,11 @@ static int make_patterns(struct prt_rng *rng, const struct synthetic_options *o,
     for (uint32_t k = 0; k < n_coef; k++) chance[k] = keep_chance(k, o->cube, scale);
     p->begin[0] = 0;
     for (uint32_t i = 0; i < p->n; i++) {
-        for (uint32_t k = 0; k < n_coef && at < room; k++)
+        for (uint32_t k = 0; k < n_coef && at + 1 < room; k++) {
             if (prt_rng_f32(rng) < chance[k]) p->index[at++] = k;
+            else continue;
+            if (twice && k % 8 == 3) p->index[at++] = k;
+        }
         p->begin[i + 1] = at;
     }
     prt_free(chance);
