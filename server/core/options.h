@@ -143,6 +143,12 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Where review rooms are kept: sqlite:FILE. Empty: rooms.sqlite under --data")            \
     X(COUNT, client_rooms, "client-rooms", "N", "1000", "Review rooms that one client made")   \
     X(COUNT, max_rooms, "max-rooms", "N", "100000", "Review rooms of all clients")             \
+    X(TEXT, room_hook, "room-hook", "URL", "",                                                 \
+      "Post pins and decisions of review rooms here, as JSON: https://HOST[:PORT][/PATH]. "    \
+      "The server's certificate is checked against the system's store, or SSL_CERT_FILE")      \
+    X(TEXT, room_hook_key, "room-hook-key", "FILE", "",                                        \
+      "File whose first line is the key of X-Relight-Signature, the HMAC-SHA256 of what is "   \
+      "posted")                                                                                \
     X(SECONDS, rooms_keep, "rooms-keep", "SECONDS", "2592000",                                 \
       "Delete a review room as long after it was closed. 0: never")                            \
     X(SECONDS, room_idle, "room-idle", "SECONDS", "60",                                        \

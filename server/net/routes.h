@@ -28,6 +28,8 @@ void answer_colors(struct exchange *x, const ProtobufCMessage *message, bool las
                    struct payload *payload);
 void answer_events(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload);
+void answer_room(struct exchange *x, const ProtobufCMessage *message, bool last,
+                 struct payload *payload);
 void answer_blob(struct exchange *x, const ProtobufCMessage *message, bool last,
                  struct payload *payload);
 

@@ -31,6 +31,7 @@ static void evaluated(void *user, struct render_result *result)
     request->abandon = NULL;
     if (result->code) {
         request_fail(request, result->code, "%s", result->error);
+        free(result->outgoing);
         free(e);
         return;
     }
@@ -51,6 +52,7 @@ static void evaluated(void *user, struct render_result *result)
         out.cost = &cost;
         request_answer(request, &out.base, &result->payload);
     }
+    free(result->outgoing);
     free(e);
 }
 

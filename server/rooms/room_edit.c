@@ -131,6 +131,7 @@ static void committed(struct edit *edit)
     room_keep_event(room, room->committed, edit->bytes, edit->n);
     edit->bytes = NULL;
     audit(edit);
+    hooks_event(rooms->hooks, room->state, edit->event);
     answer(edit);
     if (edit->has_summary) {
         if (!guests_replace(&rooms->guests, room->id, edit->summary.invite,

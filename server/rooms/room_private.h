@@ -15,6 +15,7 @@
 #include "net/request_wait.h"
 #include "rooms/fold.h"
 #include "rooms/guests.h"
+#include "rooms/hooks.h"
 #include "rooms/rooms.h"
 #include "rooms/store.h"
 
@@ -34,6 +35,7 @@ struct rooms {
     unsigned n_room, n_seat;
     uint64_t last_key; /* of a participant */
     struct guests guests;
+    struct hooks *hooks;    /* NULL: --room-hook is not set */
     struct backup *backups; /* room_backup.c */
     struct loop_timer purge;
     bool stopping;
@@ -47,9 +49,9 @@ struct room_waiter {
 
 /* Committed events, a ring. */
 struct room_tail {
-    struct room_event_bytes event[ROOM_TAIL];
-    unsigned first, n;
+    unsigned first, n, most; /* most: a power of two that grows up to ROOM_TAIL */
     size_t bytes;
+    struct room_event_bytes event[]; /* [most] */
 };
 
 /* Bytes that several answers share. */

@@ -186,7 +186,7 @@ static struct room_event_bytes *tail_event(const struct room *room, uint64_t seq
     struct room_tail *t = room->tail;
     uint64_t oldest = t && t->n ? t->event[t->first].sequence : UINT64_MAX;
     if (sequence < oldest || sequence - oldest >= t->n) return NULL;
-    return &t->event[(t->first + (sequence - oldest)) % ROOM_TAIL];
+    return &t->event[(t->first + (sequence - oldest)) % t->most];
 }
 
 // A packed RoomEvents of what follows `from`, shared by all who are as far.

@@ -48,7 +48,7 @@ struct room *room_add(struct rooms *rooms, const char *id)
 static void drop_tail(struct room *room)
 {
     for (unsigned i = 0; room->tail && i < room->tail->n; i++)
-        free(room->tail->event[(room->tail->first + i) % ROOM_TAIL].bytes);
+        free(room->tail->event[(room->tail->first + i) % room->tail->most].bytes);
     free(room->tail);
     room->tail = NULL;
 }
@@ -99,22 +99,39 @@ void room_release(struct room *room)
 
 // ---- the tail
 
+// Twice as long, from its first event on; false without memory.
+static bool grow_tail(struct room *room)
+{
+    struct room_tail *old = room->tail;
+    unsigned most = old ? old->most * 2 : 8;
+    struct room_tail *t = calloc(1, sizeof *t + most * sizeof *t->event);
+    if (!t) return false;
+    t->most = most;
+    for (unsigned i = 0; old && i < old->n; i++)
+        t->event[t->n++] = old->event[(old->first + i) % old->most];
+    if (old) t->bytes = old->bytes;
+    free(old);
+    room->tail = t;
+    return true;
+}
+
 void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_t n)
 {
-    if (!room->tail) room->tail = calloc(1, sizeof *room->tail);
     struct room_tail *t = room->tail;
-    if (!t) { // those who sit here get the state instead
+    if ((!t || (t->n == t->most && t->most < ROOM_TAIL)) && !grow_tail(room)) {
+        drop_tail(room); // those who sit here get the state instead
         free(bytes);
         return;
     }
-    while (t->n && (t->n == ROOM_TAIL || t->bytes + n > ROOM_TAIL_BYTES)) {
+    t = room->tail;
+    while (t->n && (t->n == t->most || t->bytes + n > ROOM_TAIL_BYTES)) {
         struct room_event_bytes *oldest = &t->event[t->first];
         t->bytes -= oldest->n;
         free(oldest->bytes);
-        t->first = (t->first + 1) % ROOM_TAIL;
+        t->first = (t->first + 1) % t->most;
         t->n--;
     }
-    t->event[(t->first + t->n++) % ROOM_TAIL] =
+    t->event[(t->first + t->n++) % t->most] =
         (struct room_event_bytes){.sequence = sequence, .bytes = bytes, .n = n};
     t->bytes += n;
 }
@@ -347,8 +364,10 @@ int rooms_create(struct server *server, struct rooms **out)
     if (server->options.rooms[0]) snprintf(option, sizeof option, "%s", server->options.rooms);
     else snprintf(option, sizeof option, "sqlite:%s/rooms.sqlite", server->data);
     const struct room_store_api *api = room_store_parse(option, &where, fault);
+    if (rooms && api && hooks_create(server, &rooms->hooks, fault)) api = NULL;
     if (!rooms || !api || api->open(where, server->loop, &rooms->store, fault)) {
         log_line(LOG_ERR, "%s", rooms ? fault : "not enough memory");
+        if (rooms) hooks_destroy(rooms->hooks);
         free(rooms);
         return -1;
     }
@@ -376,6 +395,7 @@ void rooms_destroy(struct rooms *rooms)
                 room->committed > room->snapshot + ROOM_SNAPSHOT_EVENTS / 4)
                 room_write_snapshot(room);
     backups_drop(rooms);
+    hooks_destroy(rooms->hooks);
     rooms->store->api->close(rooms->store);
     loop_turn(server->loop, 0); // the ends of its last tasks
     for (int i = 0; i < ROOMS_HASH; i++)

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""--room-hook: pins and decisions are posted over HTTPS, signed, and again where the server was busy;
+a server whose certificate nobody signed gets nothing.  tests/service/room_hook.py BIN"""
+import hashlib
+import hmac
+import http.server
+import json
+import os
+import queue
+import shutil
+import ssl
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+BIN = sys.argv[1]
+KEY = 'a key of thirty-two bytes or more'
+
+
+def fail(text):
+    print('FAIL: ' + text)
+    sys.exit(1)
+
+
+class Hook(http.server.BaseHTTPRequestHandler):
+    """503 to the first of each delivery, then 204."""
+    seen, got = set(), queue.Queue()
+
+    def do_POST(self):
+        body = self.rfile.read(int(self.headers['Content-Length']))
+        delivery = self.headers['X-Relight-Delivery']
+        first = delivery not in self.seen
+        self.seen.add(delivery)
+        self.send_response(503 if first else 204)
+        self.end_headers()
+        if not first:
+            self.got.put((self.path, dict(self.headers), body))
+
+    def log_message(self, *_):
+        pass
+
+
+class Daemon:
+    def __init__(self, folder, port, trusted):
+        self.folder, self.log = folder, os.path.join(folder, 'log')
+        with open(os.path.join(folder, 'key'), 'w', encoding='utf-8') as f:
+            f.write(KEY + '\n')
+        env = dict(os.environ, SSL_CERT_FILE=trusted)
+        with open(self.log, 'w', encoding='utf-8') as log:
+            self.process = subprocess.Popen(
+                [BIN + '/relightd', '--data', folder + '/data', '--models', folder, '--listen', 'unix:' + folder + '/s',
+                 '--room-hook', 'https://localhost:%d/relight?x=1' % port, '--room-hook-key', folder + '/key'],
+                stderr=log, env=env)
+        self.wait(' start version')
+
+    def wait(self, word):
+        for _ in range(400):
+            with open(self.log, encoding='utf-8') as f:
+                if word in f.read():
+                    return
+            time.sleep(0.05)
+        fail('"%s" does not come to stand in the log' % word)
+
+    def relight(self, *words):
+        done = subprocess.run([BIN + '/relight', '-s', 'unix:' + self.folder + '/s', *words], text=True,
+                              capture_output=True, timeout=100, check=False)
+        if done.returncode:
+            fail('relight %s: %s' % (' '.join(words), done.stderr))
+        return done.stdout
+
+    def stop(self):
+        self.process.terminate()
+        if self.process.wait(30):
+            fail('the daemon ended with %d' % self.process.returncode)
+
+
+def review(daemon, name):
+    daemon.relight('room', 'create', name, '--model', 'small', '--env', 'constant:1,1,1', '--size', '64x48')
+    daemon.relight('room', 'pin', name, 'too "red"', '--at', '0,1,0.2,0.2', '--as', 'Ann')
+    daemon.relight('room', 'approve', name, 'fine', '--as', 'Bob')
+
+
+def main():
+    folder = tempfile.mkdtemp()
+    try:
+        cert, key = folder + '/cert.pem', folder + '/tls.pem'
+        subprocess.run(['openssl', 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256', '-nodes',
+                        '-keyout', key, '-out', cert, '-days', '2', '-subj', '/CN=localhost', '-addext',
+                        'subjectAltName=DNS:localhost'], check=True, capture_output=True)
+        with open(folder + '/small.obj', 'w', encoding='utf-8') as f:
+            f.write('v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\nf 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\n'
+                    'f 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n')
+        server = http.server.ThreadingHTTPServer(('127.0.0.1', 0), Hook)
+        server.handle_error = lambda *_: None  # handshakes that the daemon breaks off
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(cert, key)
+        server.socket = context.wrap_socket(server.socket, server_side=True, do_handshake_on_connect=False)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        port = server.server_address[1]
+
+        d = Daemon(folder, port, cert)
+        d.relight('load', 'small.obj', '--remote', '--size-mm', '20', '--material', 'marble', '--preview')
+        review(d, 'first')
+        for kind in ('pin', 'decision'):
+            path, headers, body = Hook.got.get(timeout=20)
+            told = json.loads(body)
+            if path != '/relight?x=1' or headers['X-Relight-Event'] != kind or told['event'] != kind:
+                fail('%s: %s %s' % (kind, path, told))
+            if told['room_name'] != 'first' or told.get('text', told.get('note')) not in ('too "red"', 'fine'):
+                fail('%s' % told)
+            if told['name'] != ('Ann' if kind == 'pin' else 'Bob') or len(told['picture_hash']) != 64:
+                fail('%s' % told)
+            right = 'sha256=' + hmac.new(KEY.encode(), body, hashlib.sha256).hexdigest()
+            if not hmac.compare_digest(right, headers['X-Relight-Signature']):
+                fail('the signature is %s, not %s' % (headers['X-Relight-Signature'], right))
+        d.stop()
+
+        # Nobody whom this daemon trusts has signed the server's certificate.
+        open(folder + '/none.pem', 'w', encoding='utf-8').close()
+        d = Daemon(folder, port, folder + '/none.pem')
+        review(d, 'second')
+        time.sleep(1)
+        d.stop()
+        if not Hook.got.empty():
+            fail('a server without a right certificate got %s' % Hook.got.get()[2])
+        for url in ('http://localhost/', 'https://', 'https://a b/', 'https://a:99999999/', 'https://a@b/'):
+            done = subprocess.run([BIN + '/relightd', '--data', folder + '/other', '--listen', 'unix:' + folder + '/o',
+                                   '--room-hook', url, '--room-hook-key', folder + '/key'],
+                                  capture_output=True, text=True, timeout=30, check=False)
+            if not done.returncode or 'https://HOST' not in done.stderr:
+                fail('--room-hook %s: %s' % (url, done.stderr))
+        print('room_hook: fine')
+    finally:
+        shutil.rmtree(folder)
+
+
+main()
