@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// An action becomes an event: accepted by the fold, written, then told to everybody. The
-// acknowledgement follows the disk.
+// An action becomes an event: the fold accepts it, it is written, then it is sent to every
+// seat. The request is answered when the event is on the disk.
 #include "rooms/room_private.h"
 
 #include "core/log.h"

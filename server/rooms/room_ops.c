@@ -193,8 +193,7 @@ static void events_read(struct room_task *task)
     free(r);
 }
 
-// A state that is packed, but has events that are on their way to the disk: nobody sees it
-// before they are there.
+// A packed state with events that are not on the disk yet: it is answered once they are.
 struct reader {
     struct request_wait wait; // first
     struct reader *next;

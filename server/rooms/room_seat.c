@@ -30,8 +30,8 @@ struct seat {
     uint64_t state_at;
     Relight__Participant *me;
     uint64_t changed;  // presence at the last change of `me`
-    uint64_t presence; // up to which it was told
-    bool told;         // of anybody at all
+    uint64_t presence; // the last change of presence that it was sent
+    bool told;         // whether it was sent any
     int role;
 };
 
@@ -65,7 +65,7 @@ static void tick(struct loop_timer *timer)
     seats_wake((struct room *)((char *)timer - offsetof(struct room, tick)));
 }
 
-// Changes are told together, some thirty times a second.
+// Changes are sent together, some thirty times a second.
 static void presence_changed(struct room *room)
 {
     room->tick.fire = tick;
@@ -91,7 +91,8 @@ static void leave(struct request *request)
     room_release(room);
 }
 
-// Who changed since this seat was told; with everybody where it missed someone's leaving.
+// Sends the participants that changed since the last message; all, where a departure was
+// missed.
 static void send_presence(struct seat *seat)
 {
     struct room *room = seat->room;
