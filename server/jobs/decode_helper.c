@@ -341,6 +341,13 @@ void decoder_model(struct decoder *decoder, const struct decode_model *m, decode
     enqueue(decoder, w);
 }
 
+void decoder_withdraw(struct decoder *decoder, const void *user)
+{
+    struct wait_for *w = decoder->waiting;
+    while (w && (w->sent || w->user != user)) w = w->next;
+    if (w) finish(decoder, w, NULL, PRT_CANCELLED, "nobody waits for it any more", NULL);
+}
+
 bool decoder_reap(struct decoder *decoder, int pid)
 {
     if (!decoder || pid != decoder->pid) return false;

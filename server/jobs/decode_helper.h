@@ -57,6 +57,9 @@ typedef void (*decode_model_fn)(void *user, int status, const char *error, const
                                 float ms);
 void decoder_model(struct decoder *decoder, const struct decode_model *model,
                    decode_model_fn fn, void *user);
+/* Nobody waits for the result any more. A file that was not sent to the helper yet leaves the
+ * queue: fn is called with PRT_CANCELLED. Others are decoded to their end. */
+void decoder_withdraw(struct decoder *decoder, const void *user);
 /* A child ended; true when it was the helper (a new one starts with the next request). */
 bool decoder_reap(struct decoder *decoder, int pid);
 

@@ -41,6 +41,15 @@ static void wake(struct cache_waiter *waiter)
     go_on(wait);
 }
 
+// The entry leaves the queue that it waits in when nobody else waits for it.
+static void leave_entry(struct request *request)
+{
+    struct request_wait *wait = request->state;
+    wait->request = NULL;
+    cache_leave(wait->entry, &wait->waiter);
+    wait->then(wait, NULL);
+}
+
 void request_await_entry(struct request *request, struct request_wait *wait,
                          struct cache_entry *entry,
                          void (*then)(struct request_wait *wait, struct request *request))
@@ -53,6 +62,7 @@ void request_await_entry(struct request *request, struct request_wait *wait,
         return;
     }
     request_park(request, wait);
+    request->abandon = leave_entry;
     cache_wait(entry, &wait->waiter);
 }
 

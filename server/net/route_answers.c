@@ -81,6 +81,20 @@ static void answer_bytes(struct exchange *x, const char *type, struct payload *p
     }
 }
 
+// The payload is a packed message: the room's state, or its events.
+void answer_room(struct exchange *x, const ProtobufCMessage *message, bool last,
+                 struct payload *payload)
+{
+    bool events = ((const Relight__RoomGetRequest *)x->message)->events;
+    const ProtobufCMessageDescriptor *d =
+        events ? &relight__room_events__descriptor : &relight__room_state__descriptor;
+    ProtobufCMessage *room = protobuf_c_message_unpack(d, NULL, payload->size, payload->bytes);
+    ProtobufCMessage *shown = room ? room : message_new(d); // without memory: an empty one
+    drop_payload(payload);
+    exchange_json(x, room ? 200 : 503, shown);
+    if (shown) protobuf_c_message_free_unpacked(shown, NULL);
+}
+
 void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last,
                   struct payload *payload)
 {
@@ -95,6 +109,12 @@ void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last
     add_cost(x, in->cost, in->generation);
     exchange_field(x, "x-relight-size:", "%ux%u", in->width, in->height);
     answer_bytes(x, type[in->format], payload);
+}
+
+void answer_environment(struct exchange *x, const ProtobufCMessage *message, bool last,
+                        struct payload *payload)
+{
+    answer_bytes(x, "image/jpeg", payload);
 }
 
 static int run_file(struct work *work, const struct prt_context *ctx)

@@ -103,9 +103,9 @@ static int set_size(ProtobufCMessage *message, const char *path, const char *tex
     char width[16], height[80], *cross = strpbrk(text, "xX");
     if (cross && cross > text && cross - text < 8) {
         snprintf(width, sizeof width, "%.*s", (int)(cross - text), text);
-        snprintf(height, sizeof height, "%s.height", path);
+        snprintf(height, sizeof height, "%s%sheight", path, *path ? "." : "");
         if (!message_set(message, height, cross + 1, error)) {
-            snprintf(height, sizeof height, "%s.width", path);
+            snprintf(height, sizeof height, "%s%swidth", path, *path ? "." : "");
             if (!message_set(message, height, width, error) && atoi(width) > 0 &&
                 atoi(cross + 1) > 0)
                 return 0;
@@ -251,6 +251,18 @@ static bool prepare_colors(struct exchange *x, struct http_problem *problem)
     return true;
 }
 
+static bool prepare_environment(struct exchange *x, struct http_problem *problem)
+{
+    static const struct field fields[] = {{"width", "thumbnail", NULL}};
+    char error[MESSAGE_TEXT_ERROR];
+    if (!new_message(x, &relight__env_request__descriptor, problem)) return false;
+    if (!set_env(x->message, "env", x->id, error) &&
+        !message_set(x->message, "thumbnail", "256", error))
+        return set_fields(x, fields, 1, problem);
+    http_refuse(problem, 400, "bad_request", "%s", error);
+    return false;
+}
+
 static bool prepare_load(struct exchange *x, struct http_problem *problem)
 {
     const char *name = http_parameter(&x->head, "name");
@@ -312,6 +324,47 @@ static bool prepare_cancel(struct exchange *x, struct http_problem *problem)
     char error[MESSAGE_TEXT_ERROR];
     return new_message(x, &relight__cancel_job_request__descriptor, problem) &&
            !message_set(x->message, "job", x->id, error);
+}
+
+// ---- review rooms
+
+static bool prepare_rooms(struct exchange *x, struct http_problem *problem)
+{
+    return new_message(x, &relight__room_list_request__descriptor, problem);
+}
+
+static bool prepare_room(struct exchange *x, struct http_problem *problem)
+{
+    char error[MESSAGE_TEXT_ERROR];
+    return new_message(x, &relight__room_get_request__descriptor, problem) &&
+           !message_set(x->message, "room", x->id, error);
+}
+
+static bool prepare_room_events(struct exchange *x, struct http_problem *problem)
+{
+    static const struct field fields[] = {{"after", "after", NULL}};
+    char error[MESSAGE_TEXT_ERROR];
+    return prepare_room(x, problem) && !message_set(x->message, "events", "yes", error) &&
+           set_fields(x, fields, 1, problem);
+}
+
+static bool prepare_room_image(struct exchange *x, struct http_problem *problem)
+{
+    static const struct field fields[] = {{"pin", "pin", NULL},
+                                          {"decision", "decision", NULL},
+                                          {"revision", "revision", NULL},
+                                          {"size", "", set_size}};
+    char error[MESSAGE_TEXT_ERROR];
+    if (!new_message(x, &relight__room_picture_request__descriptor, problem) ||
+        message_set(x->message, "room", x->id, error))
+        return false;
+    if (strcasecmp(x->ending, "png") && strcasecmp(x->ending, "exr")) {
+        http_refuse(problem, 404, "not_found", "image.%s: a room's pictures are png or exr",
+                    x->ending);
+        return false;
+    }
+    return !message_set(x->message, "format", x->ending, error) &&
+           set_fields(x, fields, 4, problem);
 }
 
 // ---- uploads
@@ -385,10 +438,20 @@ static const struct route routes[] = {
      answer_colors, false},
     {"POST", "/v1/models/*/colors", BODY_FILE_OR_JSON, RELIGHT_TYPE_COLORS, prepare_colors,
      add_light, answer_colors, false},
+    {"GET", "/v1/environments/*/image.jpg", BODY_NONE, RELIGHT_TYPE_ENV, prepare_environment,
+     NULL, answer_environment, false, false, true},
     {"GET", "/v1/models/*", BODY_NONE, RELIGHT_TYPE_INFO, prepare_info, NULL, answer_json,
      false},
     {"DELETE", "/v1/models/*", BODY_NONE, RELIGHT_TYPE_UNLOAD, prepare_unload, NULL,
      answer_json, false},
+    {"GET", "/v1/rooms", BODY_NONE, RELIGHT_TYPE_ROOM_LIST, prepare_rooms, NULL, answer_json,
+     false},
+    {"GET", "/v1/rooms/*/image.*", BODY_NONE, RELIGHT_TYPE_ROOM_PICTURE, prepare_room_image,
+     NULL, answer_image, false},
+    {"GET", "/v1/rooms/*/events", BODY_NONE, RELIGHT_TYPE_ROOM_GET, prepare_room_events, NULL,
+     answer_room, false},
+    {"GET", "/v1/rooms/*", BODY_NONE, RELIGHT_TYPE_ROOM_GET, prepare_room, NULL, answer_room,
+     false},
     {"GET", "/v1/jobs/*/events", BODY_NONE, RELIGHT_TYPE_WATCH, prepare_watch, NULL,
      answer_events, false},
     {"GET", "/v1/jobs/*", BODY_NONE, RELIGHT_TYPE_WATCH, prepare_watch, NULL, answer_json,

@@ -24,10 +24,14 @@ void answer_load(struct exchange *x, const ProtobufCMessage *message, bool last,
                  struct payload *payload);
 void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last,
                   struct payload *payload);
+void answer_environment(struct exchange *x, const ProtobufCMessage *message, bool last,
+                        struct payload *payload);
 void answer_colors(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload);
 void answer_events(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload);
+void answer_room(struct exchange *x, const ProtobufCMessage *message, bool last,
+                 struct payload *payload);
 void answer_blob(struct exchange *x, const ProtobufCMessage *message, bool last,
                  struct payload *payload);
 

@@ -27,8 +27,9 @@ struct load {
     struct cache_waiter waiter;
     struct blob_waiter blob_waiter; // an upload's check
     size_t n_checked;
-    struct load *next;         // of those that wait for the same model
-    struct cache_entry *entry; // the opening waited for
+    char checking[BLOB_HASH + 1]; // hash of the upload whose check is waited for; "": none
+    struct load *next;            // of those that wait for the same model
+    struct cache_entry *entry;    // the opening waited for
     struct server *server;
     struct request *request; // NULL: the request has ended
     bool importing;

@@ -28,8 +28,10 @@ static void abandon(struct request *request)
 {
     struct load *load = request->state;
     load->request = NULL; // freed when its wait ends
-    if (!load->importing) return;
-    imports_cancel(load->server->imports, &load->import);
+    if (load->importing) imports_cancel(load->server->imports, &load->import);
+    else if (load->checking[0])
+        blobs_check_leave(load->server->blobs, load->checking, &load->blob_waiter);
+    else return;
     load_drop(load);
 }
 
@@ -317,8 +319,8 @@ static const char *needed_blob(const struct load *load, size_t index)
 static void blob_checked(struct blob_waiter *waiter)
 {
     struct load *load = (struct load *)((char *)waiter - offsetof(struct load, blob_waiter));
-    if (load->request) load_check_next(load);
-    else load_drop(load);
+    load->checking[0] = 0;
+    load_check_next(load);
 }
 
 void load_check_next(struct load *load)
@@ -330,6 +332,7 @@ void load_check_next(struct load *load)
                   before);
     } else if (hash) {
         load->blob_waiter.wake = blob_checked;
+        snprintf(load->checking, sizeof load->checking, "%s", hash);
         blobs_check(load->server->blobs, hash, &load->blob_waiter);
     } else if (load_message(load)->n_files) {
         load_source_known(load);

@@ -218,6 +218,8 @@ static void drawn(void *user, struct render_result *result)
     } else if (result->payload.release) {
         result->payload.release(result->payload.owner);
     }
+    free(result->outgoing);
+    result->outgoing = NULL;
     // Pictures by baked transport are not refined.
     if (!finer && (result->code || !result->preview)) {
         refinement_release(v->refinement);

@@ -215,7 +215,9 @@ static bool start_load(struct order *o)
         o->conn->caller = caller;
         o->state = ORDER_LOADING;
         dispatch(o->conn, message);
-        if (o->state == ORDER_LOADING && !o->conn->requests) o->state = ORDER_WAITS;
+        // Without memory for the frame; closed() lets the order wait.
+        if (o->state == ORDER_LOADING && !o->conn->requests)
+            connection_close(o->conn, "not enough memory");
     }
     protobuf_c_message_free_unpacked(message, NULL);
     return true;
@@ -227,9 +229,10 @@ static void model_has_changed(struct model_watcher *watcher)
     wake_at(o->repository, loop_now_ns());
 }
 
-static void take_names(struct model *from, struct model *to)
+// from: NULL where it was forgotten meanwhile.
+static void take_names(const struct model *from, struct model *to)
 {
-    for (const struct model_alias *a = from->alias; a; a = a->next)
+    for (const struct model_alias *a = from ? from->alias : NULL; a; a = a->next)
         model_set_name(to, a->owner, a->name);
     to->replaces[0] = 0;
     model_remember(to);
@@ -241,7 +244,7 @@ static void take_over(struct order *o)
     struct version *v = version_of(o);
     struct model *before = o->before[0] ? models_get(server->models, o->before) : NULL;
     if (v) version_answers(server->versions, v, o->model);
-    else if (!o->version && before) take_names(before, o->model);
+    if (!o->version) take_names(before, o->model);
     if (!o->version && before) model_supersede(before, o->model);
     models_drop_replaced(server->models);
 }
@@ -254,7 +257,7 @@ static bool take_answer(struct order *o)
         RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
         RELIGHT__ERROR_CODE__ERROR_DEADLINE,  RELIGHT__ERROR_CODE__ERROR_CANCELLED};
     struct server *server = o->repository->server;
-    connection_close(o->conn, "answered");
+    if (o->conn) connection_close(o->conn, "answered");
     o->state = ORDER_WAITS;
     if (o->code) {
         bool again = false;
@@ -333,11 +336,12 @@ static struct order *add_order(struct repository *r, const char *version, const 
     return r->order = o;
 }
 
-// The content has changed again: a bake of the earlier content is for nothing.
-static void restart(struct order *o)
+// The content has changed again: a bake of the earlier content is for nothing. False: its LOAD
+// is under way, and may read either.
+static bool restart(struct order *o)
 {
     struct model *m = o->model;
-    if (o->state != ORDER_BAKING) return; // a LOAD under way reads the new content, or fails
+    if (o->state != ORDER_BAKING) return o->state == ORDER_WAITS;
     model_hold(m);
     stop_waiting(o);
     bool own = !strcmp(m->owner, DISK_NOBODY) || m->replaces[0];
@@ -345,6 +349,7 @@ static void restart(struct order *o)
     model_release(m);
     o->state = ORDER_WAITS;
     o->id[0] = 0;
+    return true;
 }
 
 static void run_orders(struct loop_timer *timer)
@@ -406,7 +411,7 @@ static void file_changed(struct repository *r, struct model *m)
 {
     if (is_of_version(r, m) || m->replaced || m->removed) return;
     struct order *o = find_order(r, NULL, m->id);
-    if (o) restart(o);
+    if (o) (void)restart(o); // a scan finds the file changed until it was copied again
     else if ((o = add_order(r, NULL, m->id))) o->at_ns = loop_now_ns() + settle_ns;
 }
 
@@ -419,9 +424,7 @@ static void scanned(void *user, const struct import_entry *entry, size_t n,
     for (struct version *v = NULL; (v = versions_next(r->server->versions, v));) {
         struct order *o = v->state == VERSION_WANTED ? find_order(r, v->name, "") : NULL;
         if (v->state != VERSION_WANTED) continue;
-        if (o) restart(o);
-        else o = add_order(r, v->name, "");
-        if (o) v->state = VERSION_LOADING;
+        if (o ? restart(o) : add_order(r, v->name, "") != NULL) v->state = VERSION_LOADING;
     }
     if (r->order) wake_at(r, loop_now_ns());
 }

@@ -30,7 +30,10 @@ void render_end(struct render *r)
     model_release(r->model);
     free(r);
     if (done) done(user, &result);
-    else if (result.payload.release) result.payload.release(result.payload.owner);
+    else {
+        if (result.payload.release) result.payload.release(result.payload.owner);
+        free(result.outgoing);
+    }
 }
 
 void render_end_with_error(struct render *r, int code, const char *text)
@@ -213,6 +216,34 @@ static void set_baked_result(struct render *r)
 }
 
 // The layers of all planes are the same; each plane has scales of its own.
+// What turns coefficients into radiance: one for all blocks of a model of one medium, else one
+// of each block.
+static void set_outgoing(struct render *r, enum prt_answer_term term)
+{
+    const struct prt_transport *t = render_transport(r);
+    const struct prt_media media =
+        r->spec.has_material ? prt_media_one(&r->spec.material) : t->media;
+    const uint32_t n = media.n > 1 ? t->mesh.n_block : 1;
+    Relight__Outgoing **list = malloc(n * (sizeof *list + sizeof **list));
+    Relight__Outgoing *message = (Relight__Outgoing *)(list + n);
+    struct prt_outgoing of_medium[PRT_MEDIA_MAX];
+    if (!list) return; // the client finds none and refuses the answer
+    for (uint32_t i = 0; i < media.n; i++)
+        prt_outgoing_of(&media.medium[i], term, PRT_EXIT_NORMALISED, &of_medium[i]);
+    for (uint32_t i = 0; i < n; i++) {
+        const struct prt_outgoing *o =
+            &of_medium[n > 1 ? prt_media_index(&media, t->mesh.block[i].object) : 0];
+        relight__outgoing__init(list[i] = &message[i]);
+        message[i].eta = o->eta;
+        message[i].roughness = o->roughness;
+        message[i].mean = o->mean;
+        message[i].divisor = o->divisor;
+        message[i].view_slope = o->view_slope;
+    }
+    r->result.outgoing = list;
+    r->result.n_outgoing = n;
+}
+
 static void set_coefficients(struct render *r)
 {
     struct render_result *out = &r->result;
@@ -226,9 +257,7 @@ static void set_coefficients(struct render *r)
     static const enum prt_answer_term term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL,
                                                 PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
     out->factors = prt_file_hash(r->file.entry->value);
-    prt_outgoing_of(r->spec.has_material ? &r->spec.material
-                                         : render_transport(r)->media.medium,
-                    term[r->spec.term], PRT_EXIT_NORMALISED, &out->outgoing);
+    set_outgoing(r, term[r->spec.term]);
 }
 
 static void set_planes(struct render *r)

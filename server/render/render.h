@@ -118,7 +118,10 @@ struct render_result {
     uint32_t n_layer;
     struct prt_coefficient_layer layer[PRT_MOST_PARTS]; /* without their scales */
     float scale[PRT_MOST_PARTS][RENDER_MAX_LIGHTS];     /* of each plane */
-    struct prt_outgoing outgoing;
+    /* Coefficients: one for all blocks, or one of each block; one allocation, freed by the
+       callee of render_fn. NULL: none. */
+    Relight__Outgoing **outgoing;
+    uint32_t n_outgoing;
     uint64_t hash; /* of the payload, where the spec asks for it */
     struct prt_camera camera;
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
@@ -149,7 +152,6 @@ void render_cost_message(const struct render_result *result, Relight__Cost *cost
 struct render_coefficients_message {
     Relight__Coefficients coefficients;
     Relight__CoefficientLayer layer[PRT_MOST_PARTS], *layers[PRT_MOST_PARTS];
-    Relight__Outgoing outgoing, *outgoings[1];
 };
 void render_colors_message(const struct render_result *result, const struct render_spec *spec,
                            Relight__ColorsAnswer *out,

@@ -28,7 +28,6 @@ static void coefficients_message(const struct render_result *r, const struct ren
                                  struct render_coefficients_message *m)
 {
     relight__coefficients__init(&m->coefficients);
-    relight__outgoing__init(&m->outgoing);
     m->coefficients.factors = r->factors;
     m->coefficients.most_rank = spec->most_rank;
     m->coefficients.n_layers = r->n_layer;
@@ -44,14 +43,8 @@ static void coefficients_message(const struct render_result *r, const struct ren
         to->n_scales = r->n_plane;
         to->scales = (float *)(uintptr_t)r->scale[i];
     }
-    m->outgoing.eta = r->outgoing.eta;
-    m->outgoing.roughness = r->outgoing.roughness;
-    m->outgoing.mean = r->outgoing.mean;
-    m->outgoing.divisor = r->outgoing.divisor;
-    m->outgoing.view_slope = r->outgoing.view_slope;
-    m->outgoings[0] = &m->outgoing;
-    m->coefficients.n_outgoing = 1;
-    m->coefficients.outgoing = m->outgoings;
+    m->coefficients.n_outgoing = r->n_outgoing;
+    m->coefficients.outgoing = r->outgoing;
 }
 
 void render_colors_message(const struct render_result *r, const struct render_spec *spec,

@@ -29,6 +29,7 @@ struct blob_owner {
     char name[96];
 };
 
+struct check;
 struct blob {
     struct blob *chain;
     struct {
@@ -42,6 +43,7 @@ struct blob {
     enum blob_format format;
     bool touched; /* used_ns is newer than the file's time */
     bool checked, checking;
+    struct check *check; /* while `checking`: its work */
     struct blob_waiter *waiters;
 };
 

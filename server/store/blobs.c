@@ -372,6 +372,7 @@ static void done_check(struct work *work)
     bool good = !strcmp(c->hash, b->hash);
     b->waiters = NULL;
     b->checking = false;
+    b->check = NULL;
     b->checked = good;
     b->format = c->format;
     if (!good) {
@@ -400,6 +401,7 @@ void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *wait
     *last = waiter;
     if (!c) return;
     b->checking = true;
+    b->check = c;
     c->blobs = blobs;
     c->blob = b;
     blobs_path(blobs, hash, c->path, sizeof c->path);
@@ -407,6 +409,18 @@ void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *wait
     c->work.done = done_check;
     c->work.class = WORK_BACKGROUND;
     work_submit(blobs->setup.work, &c->work);
+}
+
+void blobs_check_leave(struct blobs *blobs, const char *hash, struct blob_waiter *waiter)
+{
+    struct blob *b = blob_find(blobs, hash);
+    struct blob_waiter **at = &b->waiters;
+    while (*at != waiter) at = &(*at)->next;
+    *at = waiter->next;
+    if (b->waiters || !work_dequeue(&b->check->work)) return;
+    free(b->check);
+    b->check = NULL;
+    b->checking = false;
 }
 
 // ---- times of use

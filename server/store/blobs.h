@@ -43,6 +43,9 @@ struct blob_waiter {
     void (*wake)(struct blob_waiter *waiter);
 };
 void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *waiter);
+/* A waiter whose wake was not called stops waiting; a check that nobody waits for leaves the
+ * queue of workers. */
+void blobs_check_leave(struct blobs *blobs, const char *hash, struct blob_waiter *waiter);
 
 /* Path of a blob that is there; n >= 4096. */
 void blobs_path(const struct blobs *blobs, const char *hash, char *path, size_t n);

@@ -4,13 +4,17 @@
 // request of another client is answered as if nothing had been.
 #include "faulty_daemon.h"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
+
 static char model[ID_SIZE];
 static const char *scratch_name;
+static const char *const http[] = {"--http", "127.0.0.1:0", NULL};
 
 static int setup(void **state)
 {
     faults_setup();
-    daemon_start(&d, NULL);
+    daemon_start(&d, http);
     struct relight_client *client = client_open(d.address);
     bake_small(client, &d, model);
     relight_close(client);
@@ -114,13 +118,64 @@ static int act_material(struct relight_client *client, unsigned turn,
     return strstr(error->text, "material") ? 0 : status;
 }
 
+// Opened, drawn, changed, drawn again and closed.
+static int act_view(struct relight_client *client, unsigned turn, struct relight_error *error)
+{
+    struct relight_light light = {.env = "constant", .rotate_deg = 0.25f + (float)turn};
+    struct relight_view_request open = {
+        .model = model, .n_light = 1, .lights = &light, .colors = true};
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    int status = relight_view_open(client, &open, &view, error);
+    if (status) return status;
+    status = relight_view_next(view, 5, &frame, error);
+    if (!status) relight_frame_out_finish(&frame);
+    light.rotate_deg += 0.1f;
+    int set = relight_view_set(view, 1, &light, NULL, NULL, NULL, error);
+    if (!set && !status && !(set = relight_view_next(view, 5, &frame, error)))
+        relight_frame_out_finish(&frame);
+    int closed = relight_view_close(view, NULL, NULL, error);
+    return status ? status : set ? set : closed;
+}
+
+// One request over HTTP, whose answer may be missing: its socket is closed then. The status.
+static int ask_http(const char *request)
+{
+    char text[32 << 10] = "";
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    size_t n = strlen(request);
+    to.sin_port = htons((uint16_t)atoi(strrchr(d.http, ':') + 1));
+    int fd = socket(AF_INET, SOCK_STREAM, 0);
+    assert_true(fd >= 0);
+    if (!connect(fd, (struct sockaddr *)&to, sizeof to) &&
+        send(fd, request, n, MSG_NOSIGNAL) == (ssize_t)n) {
+        struct pollfd p = {fd, POLLIN, 0};
+        if (poll(&p, 1, 5000) == 1 && recv(fd, text, sizeof text - 1, 0) < 0) text[0] = 0;
+    }
+    close(fd);
+    return strncmp(text, "HTTP/1.1 ", 9) ? 0 : atoi(text + 9);
+}
+
+static int act_http(struct relight_client *client, unsigned turn, struct relight_error *error)
+{
+    static const char ask[] = "POST /v1/blobs?name=a.bin HTTP/1.1\r\nHost: localhost\r\n"
+                              "Transfer-Encoding: chunked\r\n\r\n5\r\n%05u\r\n0\r\n\r\n";
+    char post[400];
+    snprintf(post, sizeof post, ask, turn % 8);
+    int list = ask_http("GET /v1/models?limit=1 HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    int upload = ask_http(post);
+    return list == 200 && upload / 100 == 2 ? 0 : 1;
+}
+
 static const struct act {
     const char *name;
     act_fn fn;
+    unsigned sampled; // above this many allocations not each fails: JSON has one a value
 } acts[] = {{"HELLO and PING", act_hello}, {"LIST", act_list},
             {"STATS", act_stats},          {"an upload", act_upload},
             {"LOAD and UNLOAD", act_load}, {"COLORS", act_colors},
-            {"IMAGE", act_image},          {"a material", act_material}};
+            {"IMAGE", act_image},          {"a material", act_material},
+            {"a view", act_view},          {"HTTP", act_http, 20}};
 
 static void must_serve(const char *after, int64_t n)
 {
@@ -142,7 +197,7 @@ static void each_allocation(const struct act *act)
 {
     int64_t n = 1, left = 0, n_error = 0;
     scratch_name = act->name;
-    for (; n < 2000 && left == 0; n++) {
+    for (; n < 2000 && left == 0; n += act->sampled ? 1 + n / act->sampled : 1) {
         struct relight_error error = {.text = ""};
         int64_t failed = faults->n_failed;
         faults->allocation = n;
@@ -151,6 +206,7 @@ static void each_allocation(const struct act *act)
         relight_close(client);
         left = faults->n_failed == failed;
         faults_off();
+        if (left) assert_int_equal(status, 0);
         n_error += status != 0;
         must_serve(act->name, n);
     }

@@ -5,6 +5,28 @@
 
 #include "synthetic.h"
 
+// The same with a name for each object and several media: sections that others lack. Where
+// clusters mix objects (they do in synthetic tensors of more than one) the file is refused when
+// it is opened, and is not written.
+static int write_media(const struct prt_context *ctx, const char *folder, size_t i,
+                       struct prt_transport *t)
+{
+    struct prt_context quiet = *ctx;
+    const struct prt_material medium[2] = {{.name = "wax", .eta = 1.3f},
+                                           {.name = "holder", .eta = 1.5f}};
+    uint8_t of_object[64] = {0};
+    struct prt_object name[64] = {{"candle"}, {"foot"}};
+    struct prt_transport own = *t;
+    char path[4096];
+    if (t->mesh.n_object > 64) return 1;
+    for (uint32_t k = 1; k < t->mesh.n_object; k++) of_object[k] = 1;
+    own.media = (struct prt_media){2, medium, of_object};
+    own.mesh.object = name;
+    snprintf(path, sizeof path, "%s/media-%zu.prt", folder, i);
+    int status = prt_file_write(&quiet, path, &own);
+    return status && status != PRT_FORMAT;
+}
+
 int main(int argc, char **argv)
 {
     static const struct synthetic_options kind[] = {
@@ -44,7 +66,7 @@ int main(int argc, char **argv)
         o.seed = 1;
         snprintf(path, sizeof path, "%s/%zu.prt", argv[1], i);
         if (synthetic_mesh(o.n_vertex, true, &t.mesh) || synthetic_tensor(&o, &t.tensor[0]) ||
-            prt_file_write(&ctx, path, &t))
+            prt_file_write(&ctx, path, &t) || write_media(&ctx, argv[1], i, &t))
             return 1;
         synthetic_tensor_finish(&t.tensor[0]);
         synthetic_mesh_finish(&t.mesh);

@@ -50,9 +50,9 @@ static void make_balls(void)
 {
     struct model m;
     model_init(&m, 2000, 4000);
-    add_sphere(&m, (float[3]){-8, 0, 0}, 7, 9);
+    add_sphere(&m, (float[3]){-8, 0, 0}, 7, 7);
     const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
-    add_sphere(&m, (float[3]){8, 1, 0}, 6, 9);
+    add_sphere(&m, (float[3]){8, 1, 0}, 6, 7);
     mesh = body_mesh(&context, &m, true);
     block[0] = (struct prt_block){0, 0, 0, n_vertex, 0, n_triangle};
     block[1] = (struct prt_block){
@@ -123,7 +123,7 @@ static void each_object_is_as_with_its_medium_alone(void **state)
 {
     static const enum prt_answer_term terms[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE,
                                                  PRT_ANSWER_TOTAL};
-    static const double most[N_TRANSPORT] = {1e-5, 0.002, 0.004};
+    static const double most[N_TRANSPORT] = {1e-6, 6e-4, 1.5e-3};
     const float eye[3] = {10, 20, 60};
     for (int e = 0; e < N_TRANSPORT; e++)
         for (int k = 0; k < BALLS; k++) {
@@ -156,9 +156,9 @@ static void several_eta_agree_with_the_reference(void **state)
     for (int single = 0; single < 2; single++) {
         struct prt_reference_options o = {.term = single ? PRT_REFERENCE_SINGLE
                                                          : PRT_REFERENCE_MULTIPLE,
-                                          .n_sample = 30000,
+                                          .n_sample = 20000,
                                           .n_ray = 1024,
-                                          .n_single = 2048,
+                                          .n_single = 1024,
                                           .seed = 31};
         float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
         assert_int_equal(prt_reference_colors(&context, mesh, &media, &light, &o, want),
@@ -210,7 +210,7 @@ static void an_edit_of_one_object_keeps_the_other(void **state)
     for (int k = 0; k < BALLS; k++)
         expect_below("relative RMSE of the media contracted first",
                      error_on(k, (const float(*)[3])other, (const float(*)[3])plain),
-                     2 * PRT_FIXED_ERROR);
+                     PRT_FIXED_ERROR);
     prt_contracted_light_destroy(lit);
     prt_contracted_transport_destroy(fixed);
     free(plain), free(other);
@@ -239,7 +239,7 @@ static void an_opaque_body_inside_stops_rays(void **state)
     static struct prt_block part[2];
     static struct prt_surface surface[2];
     model_init(&m, 2000, 4000);
-    add_sphere(&m, (float[3]){0, 0, 0}, 7, 9);
+    add_sphere(&m, (float[3]){0, 0, 0}, 7, 8);
     const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
     add_box(&m, (float[3]){0, 0, 0}, (float[3]){3.6f, 4, 3.6f}, 2);
     struct prt_mesh *candle = body_mesh(&context, &m, true);
@@ -286,8 +286,8 @@ static void an_opaque_body_inside_stops_rays(void **state)
         print_message("wick, %s: %.2f %%, without it %.2f %% apart\n",
                       single ? "single" : "multiple", 100 * error, 100 * without);
         expect_below("relative RMSE with a wick", error, single ? 0.06 : 0.01);
-        if (single) expect_above("light that the wick stops", without, 0.02);
-        else expect_below("effect of the wick on the dipole", without, 0.005);
+        if (single) expect_above("light that the wick stops", without, 0.2);
+        else expect_below("effect of the wick on the dipole", without, 1e-6);
     }
     prt_file_close(f);
     for (int i = 0; i < 4; i++) free(want[i / 2][i % 2]);
@@ -331,5 +331,5 @@ int main(void)
         cmocka_unit_test(eta_belongs_to_the_object),
         cmocka_unit_test(an_opaque_body_inside_stops_rays),
     };
-    return cmocka_run_group_tests(tests, begin_test, end_test);
+    return run_physics_tests(tests, begin_test, end_test);
 }

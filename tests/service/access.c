@@ -514,13 +514,48 @@ static void test_quotas(void **state)
 }
 
 // Requests a second: BUSY says truly when the next one passes; PING always does.
+// Bakes that wait or run, and bytes that requests hold.
+static void test_bakes_and_memory(void **state)
+{
+    char secret[RELIGHT_SECRET], other[RELIGHT_SECRET];
+    static float cube[6 * 64 * 64 * 3];
+    struct relight_error error;
+    struct relight_loaded loaded, more;
+    daemon_start(&d, NULL);
+    struct relight_client *admin = client_open(d.address);
+    struct relight_quotas quotas = {.bakes = 1, .memory = 64 << 10};
+    create(admin, "small", work, 0, &quotas, secret);
+    create(admin, "other", work, 0, NULL, other);
+    struct relight_client *a = open_tcp(secret), *b = open_tcp(other);
+    OK(load_small(a, &d, "one.obj", 1, 2000000, &loaded, &error)); // a bake of minutes
+    expect(load_small(a, &d, "two.obj", 2, 2000000, &more, &error), RELIGHT_E_BUSY, &error,
+           "quota");
+    OK(load_small(b, &d, "two.obj", 3, 2000000, &more, &error)); // another's is its own
+    OK(relight_cancel_job(b, more.job, NULL, &error));
+    relight_loaded_finish(&more);
+    OK(relight_cancel_job(a, loaded.job, NULL, &error));
+    relight_loaded_finish(&loaded);
+    for (size_t i = 0; i < sizeof cube / sizeof *cube; i++) cube[i] = 1;
+    struct relight_light light = {.cube = cube, .cube_n = 64};
+    struct relight_colors_request request = {.model = "none", .n_light = 1, .lights = &light};
+    struct relight_colors colors;
+    expect(relight_colors(a, &request, &colors, &error), RELIGHT_E_LIMIT, &error, "quota");
+    expect(relight_colors(b, &request, &colors, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    relight_close(a);
+    relight_close(b);
+    relight_close(admin);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_rate(void **state)
 {
     char secret[RELIGHT_SECRET];
     struct relight_error error;
     struct relight_model info;
     double seconds;
-    daemon_start(&d, NULL);
+    const char *const extra[] = {"--http", "127.0.0.1:0", NULL};
+    char bearer[256], text[2048];
+    daemon_start(&d, extra);
     struct relight_client *admin = client_open(d.address);
     struct relight_quotas quotas = {.rate = 2};
     create(admin, "slow", work, 0, &quotas, secret);
@@ -538,6 +573,13 @@ static void test_rate(void **state)
         assert_true(++n < 50);
     assert_int_equal(status, -RELIGHT_E_BUSY);
     relight_close(next);
+    // Nor has HTTP, which says when to come back.
+    snprintf(bearer, sizeof bearer, "Authorization: Bearer %s\r\n", secret);
+    for (n = 0; (status = get("/v1/models", bearer, text, sizeof text)) == 200;)
+        assert_true(++n < 50);
+    assert_int_equal(status, 429);
+    assert_non_null(strcasestr(text, "retry-after: 1"));
+    assert_int_equal(get("/healthz", bearer, text, sizeof text), 200); // is nobody's request
     sleep_ms((int)error.retry_after_ms);
     assert_int_equal(relight_info(client, "none", &info, &error), -RELIGHT_E_NOT_FOUND);
     relight_close(client);
@@ -648,6 +690,7 @@ int main(void)
         cmocka_unit_test_teardown(test_scopes, after_each),
         cmocka_unit_test_teardown(test_owners, after_each),
         cmocka_unit_test_teardown(test_quotas, after_each),
+        cmocka_unit_test_teardown(test_bakes_and_memory, after_each),
         cmocka_unit_test_teardown(test_rate, after_each),
         cmocka_unit_test_teardown(test_guesses, after_each),
         cmocka_unit_test_teardown(test_local_users, after_each),

@@ -123,7 +123,7 @@ static inline void daemon_start(struct daemon *d, const char *const extra[])
 {
     unlink(d->log);
     d->pid = daemon_spawn(d, extra);
-    if (!log_says(d, " start version", 20000)) {
+    if (!log_says(d, " start version", 60000)) {
         char *text = read_text(d->log);
         print_message("%s", text);
         free(text);

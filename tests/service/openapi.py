@@ -7,6 +7,7 @@ import json
 import os
 import re
 import socket
+import subprocess
 import sys
 import tempfile
 import time
@@ -93,8 +94,13 @@ class Document:
                 self.no_more(schema["properties"][name], inner, where)
 
 
+ROOM = ["b"]
+
+
 def concrete(path, model, job, name):
-    return path.format(model=model, job=job, hash=name, ending="png" if "image" in path else "csv")
+    room = "absent" if model == "absent" else ROOM[0]
+    return path.format(model=model, job=job, hash=name, room=room, ending="png" if "image" in path else "csv",
+                       environment="absent" if model == "absent" else "constant")
 
 
 def call(document, d, path, method, target, body=None, headers=None, expect=None):
@@ -102,6 +108,28 @@ def call(document, d, path, method, target, body=None, headers=None, expect=None
     assert expect is None or status == expect, (method, target[:200], status, expect, answer[:300])
     document.check(path, method, status, got, answer)
     return got, answer
+
+
+def rooms(go, d, model):
+    """A room is made in a terminal; HTTP shows it."""
+    relight = [d.binaries + "/relight", "-s", "unix:" + d.folder + "/s", "room"]
+    run = lambda *words: subprocess.run(relight + list(words), check=True, capture_output=True, text=True).stdout
+    ROOM[0] = run("create", "a room", "--model", model, "--env", "constant", "--size", "16x12").strip()
+    run("pin", "a room", "here", "--at", "0,1,0.2,0.2")
+    room = "/v1/rooms/" + ROOM[0]
+    listed = json.loads(go("/v1/rooms", "GET", "/v1/rooms", expect=200)[1])["rooms"]
+    assert [one["name"] for one in listed] == ["a room"], listed
+    state = json.loads(go("/v1/rooms/{room}", "GET", room, expect=200)[1])
+    assert state["pins"][0]["notes"][0]["text"] == "here", state
+    events = json.loads(go("/v1/rooms/{room}/events", "GET", room + "/events?after=1", expect=200)[1])["events"]
+    assert [one["stamp"]["sequence"] for one in events] == [2], events
+    picture = "/v1/rooms/{room}/image.{ending}"
+    pin, now = room + "/image.png?pin=2", room + "/image.png?size=20x10"
+    tag = go(picture, "GET", pin, expect=200)[0]["etag"]
+    go(picture, "GET", pin, None, {"If-None-Match": tag}, 304)
+    assert go(picture, "GET", now, expect=200)[0]["x-relight-size"] == "20x10"
+    for bad in ("image.jpg", "image.png?pin=77"):
+        go(picture, "GET", room + "/" + bad, expect=404)
 
 
 def successes(document, d):
@@ -121,12 +149,18 @@ def successes(document, d):
     go("/v1/models", "POST", load, OCTAHEDRON, None, 200)
     go("/v1/models", "GET", "/v1/models", expect=200)
     go("/v1/models/{model}", "GET", "/v1/models/" + model, expect=200)
+    rooms(go, d, model)
     name = json.loads(go("/v1/blobs", "POST", "/v1/blobs?name=sky.hdr", sky(), None, 201)[1])["hash"]
     go("/v1/blobs/{hash}", "GET", "/v1/blobs/" + name, expect=200)
     listed = json.loads(go("/v1/models", "GET", "/v1/models", expect=200)[1])["environments"]
     assert [one["env"] for one in listed] == ["env:" + name], listed
     go("/v1/blobs/{hash}", "PUT", "/v1/blobs/" + name, sky(), None, 201)
     go("/v1/blobs/{hash}", "PUT", "/v1/blobs/%s?size=10" % ("1" * 64), b"12345", None, 202)
+    thumbnail = "/v1/environments/{environment}/image.jpg"
+    tag = go(thumbnail, "GET", "/v1/environments/sky/image.jpg", expect=200)[0]["etag"]
+    go(thumbnail, "GET", "/v1/environments/sky/image.jpg?width=256", None, {"If-None-Match": tag}, 304)
+    broken = json.loads(go("/v1/blobs", "POST", "/v1/blobs?name=broken.hdr", b"no image", None, 201)[1])["hash"]
+    go(thumbnail, "GET", "/v1/environments/%s/image.jpg" % broken, expect=422)
     for kind in ("image", "colors"):
         for ending in ("", ".{ending}"):
             path = "/v1/models/{model}/%s%s" % (kind, ending)
@@ -150,7 +184,8 @@ def faults(document, d, model, job, name):
         target = concrete(path, model, job, name)
         body = sky() if method in ("POST", "PUT") else None
         wants = op["responses"]
-        query = "?env=constant&" if method == "GET" and ("image" in path or "colors" in path) else "?"
+        lit = "/v1/models/{model}/" in path
+        query = "?env=constant&" if method == "GET" and lit else "?"
         go(path, method, target + query + "unknown=1", body, None, 400)
         go(path, method, target, body, {"Origin": "http://evil.example"}, 403)
         wrong = d.ask("PATCH", target)
@@ -187,7 +222,7 @@ def faults(document, d, model, job, name):
         if "409" in wants:
             engine = "engine=wavelet" if "image" in path else ""
             go(path, method, concrete(path, preview, job, name) + query + engine, body, None, 409)
-        if "422" in wants and method == "GET":  # the bake has a material of its own
+        if "422" in wants and method == "GET" and lit:  # the bake has a material of its own
             go(path, method, target + query + "material=skin1", None, None, 422)
     # A deadline that passes, and a model that goes.
     big = "/v1/models/%s/image.exr?env=constant:3,2,1&size=2000x1900&samples=8&deadline_ms=1" % model
@@ -236,7 +271,7 @@ def leaving(document, binaries):
                 if method in ("POST", "PUT"):
                     body = b"x"
                     target += "?name=a.obj" if template == "/v1/models" else ""
-                elif "image" in template or "colors" in template:
+                elif "/v1/models/{model}/" in template:
                     target += "?env=constant"
                 call(document, d, template, method, target, body, None, 503)
     finally:

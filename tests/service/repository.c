@@ -122,7 +122,7 @@ static int state_of(struct relight_client *client, const char *name, char id[ID_
 static void wait_for(struct relight_client *client, const char *name, int wanted,
                      const char *before, char id[ID_SIZE])
 {
-    for (int i = 0; i < 1500; i++) {
+    for (int i = 0; i < 6000; i++) {
         int is = state_of(client, name, id);
         if (is == wanted && (!before || strcmp(id, before))) return;
         sleep_ms(20);
@@ -134,7 +134,7 @@ static void wait_for(struct relight_client *client, const char *name, int wanted
 static void wait_gone(struct relight_client *client, const char *name)
 {
     char id[ID_SIZE];
-    for (int i = 0; i < 1500; i++) {
+    for (int i = 0; i < 6000; i++) {
         if (state_of(client, name, id) < 0) return;
         sleep_ms(20);
     }
@@ -175,7 +175,7 @@ static void view_goes_over(struct relight_view *view, uint64_t before)
 static void wait_same(struct relight_client *client, const char *name, const char *wanted)
 {
     char id[ID_SIZE];
-    for (int i = 0; i < 1500; i++) {
+    for (int i = 0; i < 6000; i++) {
         if (state_of(client, name, id) >= 0 && !strcmp(id, wanted)) return;
         sleep_ms(20);
     }
@@ -318,7 +318,7 @@ static void test_source_is_baked_again(void **state)
     wait_for(client, "rock", RELIGHT_MODEL_READY, NULL, first);
     struct relight_view *view = open_view(client, "rock", &hash);
     put_text("stone.obj", "v 1 0 0\nf 1 1 7\n"); // no mesh: the bake fails
-    assert_true(log_says(&d, "models folder name=", 30000));
+    assert_true(log_says(&d, "models folder name=", 120000));
     char id[ID_SIZE];
     assert_int_equal(state_of(client, "rock", id), RELIGHT_MODEL_READY);
     assert_string_equal(id, first);

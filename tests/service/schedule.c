@@ -141,6 +141,65 @@ static void pump(struct stream *s, int ms)
     }
 }
 
+static unsigned count_in_log(const char *word)
+{
+    unsigned n = 0;
+    char *text = read_text(d.log);
+    for (const char *at = text; (at = strstr(at, word)); at++) n++;
+    free(text);
+    return n;
+}
+
+// A flat .hdr file of 2 MB whose pixels are of this brightness.
+static void upload_sky(struct relight_client *client, unsigned bright, char env[80])
+{
+    enum { W = 1024, H = 512 };
+    static char file[100 + 4 * W * H];
+    struct relight_error error;
+    size_t n =
+        (size_t)sprintf(file, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n", H, W);
+    for (size_t i = 0; i < (size_t)W * H; i++) {
+        const uint8_t pixel[4] = {(uint8_t)(100 + bright), 100, 100, 128};
+        memcpy(file + n + 4 * i, pixel, 4);
+    }
+    memcpy(env, "env:", 4);
+    OK(relight_upload(client, "sky.hdr", file, n + 4 * W * H, NULL, NULL, env + 4, NULL,
+                      &error));
+}
+
+// The decoders run four at a time: of the others nothing is decoded once nobody waits for it.
+static void test_cancelled_images_are_not_decoded(void **state)
+{
+    enum { N = 24, AT_ONCE = 4 };
+    char env[N][80];
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    Relight__CancelRequest cancel = RELIGHT__CANCEL_REQUEST__INIT;
+    Relight__EnvRequest ask = RELIGHT__ENV_REQUEST__INIT;
+    for (unsigned i = 0; i < N; i++) upload_sky(client, i, env[i]);
+    unsigned before = count_in_log("environment env=env:");
+    for (uint64_t i = 0; i < N; i++) {
+        ask.env = env[i];
+        frames_add(f, RELIGHT_TYPE_ENV, 100 + i, &ask.base, NULL, 0);
+    }
+    for (uint64_t i = 0; i < N; i++) {
+        cancel.id = 100 + i;
+        frames_add(f, RELIGHT_TYPE_CANCEL, 1000 + i, &cancel.base, NULL, 0);
+    }
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 1000 + N - 1).code, 0);
+    // One that is wanted is behind all that were queued.
+    ask.env = env[N - 1];
+    frames_add(f, RELIGHT_TYPE_ENV, 5000, &ask.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 5000).code, 0);
+    unsigned decoded = count_in_log("environment env=env:") - before;
+    print_message("%u of %d images were decoded\n", decoded, N);
+    assert_true(decoded >= 1 && decoded <= AT_ONCE + 1 + N / 4);
+    frames_close(f);
+    relight_close(client);
+}
+
 // One client keeps 24 large pictures on the way, the other four small ones: the greedy one gets
 // less than 60 % of the compute time.
 static void test_greedy_and_modest(void **state)
@@ -278,6 +337,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cancelled_work_never_runs),
+        cmocka_unit_test(test_cancelled_images_are_not_decoded),
         cmocka_unit_test(test_greedy_and_modest),
         cmocka_unit_test(test_priorities),
         cmocka_unit_test(test_busy_says_when),

@@ -198,6 +198,25 @@ static void test_plain_text_is_refused(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// The API over TLS: uploads, one of them in chunks, and a list.
+static void test_api(void **state)
+{
+    char text[8192];
+    start(NULL);
+    secure_ask("POST /v1/blobs?name=sky.hdr HTTP/1.1\r\nHost: localhost\r\n"
+               "Content-Length: 4\r\nConnection: close\r\n\r\nblob",
+               text, sizeof text);
+    assert_non_null(strstr(text, "HTTP/1.1 201"));
+    secure_ask("POST /v1/blobs HTTP/1.1\r\nHost: localhost\r\n"
+               "Transfer-Encoding: chunked\r\n\r\n4\r\nBLOB\r\n0\r\n\r\n",
+               text, sizeof text);
+    assert_non_null(strstr(text, "HTTP/1.1 201"));
+    secure_ask("GET /v1/models HTTP/1.1\r\nHost: localhost\r\n\r\n", text, sizeof text);
+    assert_non_null(strstr(text, "HTTP/1.1 200"));
+    assert_non_null(strstr(text, "application/json"));
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_websocket(void **state)
 {
     char text[2048];
@@ -404,11 +423,17 @@ int main(void)
 {
 #define CASE(name) cmocka_unit_test_setup_teardown(name, before_each, after_each)
     const struct CMUnitTest tests[] = {
-        CASE(test_plain_text_is_refused),   CASE(test_websocket),
-        CASE(test_certificate_is_verified), CASE(test_bytes_survive),
-        CASE(test_large_answers),           CASE(test_reload),
-        CASE(test_slow_handshake),          CASE(test_old_versions),
-        CASE(test_plain_loopback),          CASE(test_faulty_files),
+        CASE(test_plain_text_is_refused),
+        CASE(test_websocket),
+        CASE(test_api),
+        CASE(test_certificate_is_verified),
+        CASE(test_bytes_survive),
+        CASE(test_large_answers),
+        CASE(test_reload),
+        CASE(test_slow_handshake),
+        CASE(test_old_versions),
+        CASE(test_plain_loopback),
+        CASE(test_faulty_files),
     };
     signal(SIGPIPE, SIG_IGN);
     return cmocka_run_group_tests_name("tls", tests, setup, teardown);

@@ -26,6 +26,13 @@ for figure in serve_small_requests serve_idle_connections serve_lights_rgb9e5 se
     serve_pictures_jpeg serve_overload serve_overload_memory serve_greedy serve_zipf; do
     echo "$out" | grep "\"$figure\"" | grep -q '"goal":"\(met\|missed\)"' || fail "no $figure"
 done
+# Walks in a closed body: a figure for each of three media.
+model=$(mktemp /tmp/bench-XXXXXX.obj)
+trap 'rm -f "$model"' EXIT
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n' > "$model"
+walks=$("$bench" --quick --model "$model" walk)
+[ "$(echo "$walks" | grep -c '"medium".*"ratio_to_bare":[0-9].*"rays_spared":0\.[0-9].*"lost":[0-9]')" = 3 ] ||
+    fail "walk prints $walks"
 code=0; "$bench" no_such_figure 2>/dev/null || code=$?
 [ $code = 2 ] || fail "an unknown name exits $code"
 code=0; "$bench" --file /nowhere.prt relight_file 2>/dev/null || code=$?

@@ -389,6 +389,9 @@ static void forged_headers_are_refused(void **state)
     X(asymmetry, "material", medium.g[2] = 1)                                        \
     X(absorption, "material", medium.sigma_a[0] = -1e-9f)                            \
     X(points, "material", medium.n_point = 1)                                        \
+    X(media_none, "0 media", t->media.n = 0)                                         \
+    X(media_past, "65 media", t->media.n = PRT_MEDIA_MAX + 1)                        \
+    X(media_unmapped, "2 media", t->media.n = 2)                                     \
     X(tensors_none, "0 tensors", t->n_tensor = 0)                                    \
     X(tensors_past, "5 tensors", t->n_tensor = 5)                                    \
     X(engine, "unknown engine 3", t->engine = PRT_TRANSPORT_JOINT + 1)               \

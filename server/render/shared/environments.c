@@ -81,14 +81,24 @@ static void decoded(void *user, struct decoded_env *env, int status, const char 
     cache_release(entry);
 }
 
+// An upload on its way to its entry: it is checked, then decoded.
 struct upload_wait {
     struct blob_waiter waiter; // first
     struct server *server;
     struct cache_entry *entry;
     upload_decoder_fn decode;
     decode_fn fn;
+    bool decoding;
     char hash[BLOB_HASH + 1];
 };
+
+static void upload_decoded(void *user, struct decoded_env *env, int status, const char *error)
+{
+    struct upload_wait *w = user;
+    w->entry->unwanted = NULL;
+    w->fn(w->entry, env, status, error);
+    free(w);
+}
 
 static void upload_checked(struct blob_waiter *waiter)
 {
@@ -98,14 +108,27 @@ static void upload_checked(struct blob_waiter *waiter)
     blobs_name(server->blobs, NULL, w->hash, name, sizeof name);
     if (server->decoder && blobs_has(server->blobs, w->hash)) {
         blobs_path(server->blobs, w->hash, path, sizeof path);
-        w->decode(server->decoder, path, name, w->fn, w->entry);
-    } else {
-        snprintf(path, sizeof path, "%s was damaged on the daemon's disk: upload it again",
-                 name);
-        cache_fail(w->entry, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, path);
-        cache_release(w->entry);
+        w->decoding = true;
+        w->decode(server->decoder, path, name, upload_decoded, w);
+        return;
     }
+    snprintf(path, sizeof path, "%s was damaged on the daemon's disk: upload it again", name);
+    w->entry->unwanted = NULL;
+    cache_fail(w->entry, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, path);
+    cache_release(w->entry);
     free(w);
+}
+
+// Nobody waits for the entry any more: it leaves the queue that it is in.
+static void upload_unwanted(struct cache_entry *entry)
+{
+    struct upload_wait *w = entry->job;
+    if (w->decoding) {
+        if (w->server->decoder) decoder_withdraw(w->server->decoder, w);
+        return;
+    }
+    blobs_check_leave(w->server->blobs, w->hash, &w->waiter);
+    upload_decoded(w, NULL, PRT_CANCELLED, "nobody waits for it any more");
 }
 
 void upload_decode(struct server *server, const char *hash, struct cache_entry *entry,
@@ -123,6 +146,8 @@ void upload_decode(struct server *server, const char *hash, struct cache_entry *
                               .decode = decode,
                               .fn = fn};
     memcpy(w->hash, hash, BLOB_HASH);
+    entry->job = w;
+    entry->unwanted = upload_unwanted;
     blobs_touch(server->blobs,
                 hash); // marks it as used: it must not be evicted before it is read
     blobs_check(server->blobs, hash, &w->waiter);
