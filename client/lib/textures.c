@@ -18,6 +18,7 @@ bool relight_textures_fit(const Relight__GeometryAnswer *a, const struct answer 
     if (a->n_uv > 8 || (a->n_uv && !a->uv_offset)) return false;
     return section_fits(a->uv_offset, n * a->n_uv, 8, size) &&
            section_fits(a->color_offset, a->color_offset ? n : 0, 16, size) &&
+           section_fits(a->blocked_offset, a->blocked_offset ? n : 0, 16, size) &&
            section_fits(a->corner_uv_offset, a->corner_uv_offset ? a->n_triangle : 0, 24, size);
 }
 
@@ -73,6 +74,7 @@ bool relight_get_textures(struct owner *owner, const struct answer *answer,
     if (a->n_uv) out->uv = (const float(*)[2])(p + a->uv_offset);
     if (a->corner_uv_offset) out->corner_uv = (const float(*)[3][2])(p + a->corner_uv_offset);
     if (a->color_offset) out->color = (const float(*)[4])(p + a->color_offset);
+    if (a->blocked_offset) out->blocked = (const int8_t(*)[16])(p + a->blocked_offset);
     out->n_look = a->n_surfaces;
     out->look = look;
     out->n_image = a->n_images;

@@ -123,6 +123,7 @@ int scene_textures(struct scene *scene)
     if (g->n_uv > 1) m->uv_more = (float(*)[2])((uintptr_t)g->uv + set);
     m->corner_uv = (float(*)[3][2])(uintptr_t)g->corner_uv;
     m->color = (float(*)[4])(uintptr_t)g->color;
+    m->blocked = (int8_t(*)[16])(uintptr_t)g->blocked;
     m->texture_split = g->texture_split >= 0 && g->texture_split <= 1 ? g->texture_split : 0;
     return fetch_images(scene);
 }

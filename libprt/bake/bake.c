@@ -548,6 +548,7 @@ static void release(struct bake *b)
     prt_surface_destroy(b->surface);
     prt_bake_unplan_single(b);
     prt_scene_destroy(b->scene);
+    prt_free(b->out.mesh.blocked);
     prt_free(b->dipole);
     prt_free(b->radial);
 }
@@ -609,11 +610,23 @@ static void log_seconds(const struct bake *b)
             b->seconds[T_SINGLE], b->seconds[T_PACK]);
 }
 
+// The sky that the model hides from its vertices, for specular occlusion of pictures.
+static int add_blocked(struct bake *b)
+{
+    b->out.mesh.blocked = prt_alloc(b->mesh->n_vertex, sizeof *b->out.mesh.blocked);
+    return b->out.mesh.blocked ? prt_scene_blocked(b->ctx, b->scene, b->out.mesh.blocked)
+                               : PRT_NOMEM;
+}
+
 static int measure_and_write(struct bake *b, const char *out_path)
 {
     char *errors = NULL;
     int status = b->surface ? examine(b, &errors) : PRT_OK;
-    if (status) return status;
+    if (!status) status = add_blocked(b);
+    if (status) {
+        free(errors);
+        return status;
+    }
     log_seconds(b);
     char *settings = prt_bake_describe(b);
     b->out.settings = settings;
@@ -636,6 +649,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     openblas_set_num_threads(1); // the pool runs the clusters in parallel
     b.out.mesh = *mesh;
     b.out.mesh.owner = NULL;
+    b.out.mesh.blocked = NULL;
     b.out.media = b.o.media;
     b.out.cube = b.o.cube;
     b.out.engine = b.o.engine;

@@ -34,6 +34,9 @@ struct gl_draw {
 int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
                           struct gl_draw *draw);
 
+/* Fills `unblocked` of the G-buffer where the mesh has `blocked`. */
+int prt_raster_unblocked(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                         struct prt_visibility *vis);
 /* Fills the look of the G-buffer where the mesh has one; prt_visibility_destroy frees it. */
 int prt_raster_look(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     struct prt_visibility *vis);

@@ -295,6 +295,12 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
         if (job->g->turned[0]) PRT_KERNEL(turn_mirror)(job, at, n, &v);
         PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
         PRT_KERNEL(fetch_levels)(job, at, n, &look, sr, sg, sb);
+        const float *open = job->g->unblocked ? job->g->unblocked + at : NULL;
+        for (int i = 0; open && i < n; i++) {
+            sr[i] *= open[i];
+            sg[i] *= open[i];
+            sb[i] *= open[i];
+        }
     } else {
         for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
     }

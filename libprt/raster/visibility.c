@@ -371,7 +371,8 @@ static int build(struct builder *b, enum prt_raster_backend backend)
     if (!alloc_points(&vis->g))
         return prt_fail(b->ctx, PRT_NOMEM, "raster: no memory for %u points", vis->g.n_point);
     int status = prt_parallel_for(b->ctx, NULL, vis->height, 16, pack_rows, b);
-    return status ? status : prt_raster_look(b->ctx, b->mesh, vis);
+    if (!status) status = prt_raster_look(b->ctx, b->mesh, vis);
+    return status ? status : prt_raster_unblocked(b->ctx, b->mesh, vis);
 }
 
 static bool keep_objects(struct prt_visibility *vis, const struct prt_mesh *mesh)
@@ -442,6 +443,7 @@ void prt_visibility_destroy(struct prt_visibility *vis)
     prt_free(g->opaque);
     prt_free(g->facing);
     prt_free(g->variance);
+    prt_free(g->unblocked);
     prt_raster_look_finish(g);
     for (int i = 0; i < 3; i++) {
         prt_free(g->corner[i]);
@@ -461,7 +463,8 @@ uint64_t prt_visibility_bytes(const struct prt_visibility *vis)
 {
     return sizeof *vis + 8 * ((uint64_t)vis->height + 1) +
            (uint64_t)vis->n_covered * (4 + 8 * (uint64_t)vis->n_sub) +
-           (uint64_t)vis->g.n_point * (69 + (vis->g.base[0] ? 44 : 0));
+           (uint64_t)vis->g.n_point *
+               (69 + (vis->g.base[0] ? 44 : 0) + (vis->g.unblocked ? 4 : 0));
 }
 
 void prt_visibility_camera(const struct prt_visibility *vis, struct prt_camera *out,

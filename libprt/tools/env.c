@@ -153,7 +153,15 @@ static int write_picture(const struct tool *tool, const struct prt_image *image,
     return output_image(&tool->ctx, o->out, image, &options);
 }
 
-// Every conversion goes through a cube, which is the light that the engines use.
+// A lat-long image that keeps its size and is not turned keeps its pixels.
+static bool is_copy(const struct options *o, const struct prt_env *env,
+                    const struct layout *layout)
+{
+    return !layout && env->kind == PRT_ENV_LATLONG && !(fabs(o->rotate_deg) > 0) &&
+           o->width == env->latlong.width && o->height == env->latlong.height;
+}
+
+// Every other conversion goes through a cube, which is the light that the engines use.
 static int convert(const struct tool *tool, const struct prt_env *env,
                    const struct layout *layout, struct prt_image *out, double after[3])
 {
@@ -161,6 +169,14 @@ static int convert(const struct tool *tool, const struct prt_env *env,
     struct prt_cube cube = {0};
     uint32_t full = prt_env_full_cube(env), width = o->width ? o->width : 4 * full;
     uint32_t height = o->height ? o->height : (width + 1) / 2;
+    if (is_copy(o, env, layout)) {
+        size_t n_value = (size_t)width * height * 3;
+        *out = (struct prt_image){width, height, prt_alloc(n_value, sizeof(float))};
+        if (!out->rgb) return prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the image");
+        memcpy(out->rgb, env->latlong.rgb, n_value * sizeof(float));
+        latlong_power(out, after);
+        return PRT_OK;
+    }
     uint32_t n = layout ? (o->width ? o->width : full) : full;
     int status = prt_env_to_cube(&tool->ctx, env, n, o->rotate_deg, &cube);
     if (!status && layout) {

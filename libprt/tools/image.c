@@ -5,6 +5,7 @@
 #include "terminal.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
+#include "prt/trace.h"
 
 #include <cjson/cJSON.h>
 #include <math.h>
@@ -28,7 +29,11 @@ struct picture {
     unsigned n_plane;
     bool plain; // a plain background, or none
     bool transparent;
-    float *shadow; // of --floor
+    float *shadow;           // of --floor
+    struct prt_scene *scene; // of specular occlusion of a model and its error
+    double specular_error,
+        without; // of reflections against traced rays, --measure-error; of the first medium
+    bool specular_measured;
     float background[3];
     struct prt_image image;
     double lost;    // error of the .prt's radial bases for the material
@@ -43,6 +48,8 @@ static void picture_finish(struct picture *p)
     maps_finish(&p->maps);
     prt_image_finish(&p->image);
     prt_free(p->shadow);
+    prt_scene_destroy(p->scene);
+    if (p->source.loaded) prt_free(p->source.loaded->blocked);
     prt_free(p->planes);
     prt_specular_destroy(p->specular);
     prt_visibility_destroy(p->visibility);
@@ -245,6 +252,37 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
     return tool_exit(tool, status);
 }
 
+// A .prt carries the sky that its model hides; for a model it is traced. A picture with a time
+// budget is drawn without.
+static int trace_hidden_sky(struct tool *tool, struct picture *p)
+{
+    const struct options *o = &tool->opt;
+    struct prt_mesh *mesh = p->source.loaded;
+    int status = PRT_OK;
+    if (!mesh || o->budget_ms > 0) return EXIT_DONE;
+    if (!(mesh->blocked = prt_alloc(mesh->n_vertex, sizeof *mesh->blocked)))
+        return no_memory(tool);
+    status = prt_scene_create(&tool->ctx, mesh, &p->scene);
+    if (!status) status = prt_scene_blocked(&tool->ctx, p->scene, mesh->blocked);
+    return tool_exit(tool, status);
+}
+
+static int measure_specular(struct tool *tool, struct picture *p)
+{
+    int status = PRT_OK;
+    if (!p->scene) status = prt_scene_create(&tool->ctx, p->source.mesh, &p->scene);
+    if (!status)
+        status = prt_specular_error(
+            &tool->ctx, p->scene, p->visibility, &p->mirror, p->source.media.medium[0].eta,
+            p->source.media.medium[0].roughness, &p->specular_error, &p->without);
+    if (status) return tool_exit(tool, status);
+    p->specular_measured = true;
+    prt_log(&tool->ctx, PRT_LOG_NOTE,
+            "reflections: relative RMSE %.1f %% against traced rays, %.1f %% without occlusion",
+            100 * p->specular_error, 100 * p->without);
+    return EXIT_DONE;
+}
+
 static struct prt_shade shade_of(const struct picture *p, bool total, enum prt_exit exit)
 {
     struct prt_shade shade = {
@@ -338,6 +376,10 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     if (p->source.media_given && p->source.transport && !p->on_screen)
         cJSON_AddNumberToObject(root, "material_error", p->lost);
     if (p->on_screen) add_screen_report(root, &p->report);
+    if (p->specular_measured) {
+        cJSON_AddNumberToObject(root, "specular_error", p->specular_error);
+        cJSON_AddNumberToObject(root, "specular_error_without_occlusion", p->without);
+    }
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
     free(text);
@@ -377,6 +419,7 @@ static int draw(struct tool *tool, struct picture *p)
     if ((status = place_camera(tool, p, (float)width / (float)height))) return status;
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
+    if (total && (status = trace_hidden_sky(tool, p))) return status;
     struct prt_raster raster = {width, height, o->msaa ? (unsigned)o->msaa : 4,
                                 PRT_RASTER_AUTO};
     status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera,
@@ -393,6 +436,7 @@ static int draw(struct tool *tool, struct picture *p)
     if (status) return tool_exit(tool, status);
     status = p->on_screen ? draw_on_screen(tool, p, engine, total)
                           : draw_vertices(tool, p, reference, total, term);
+    if (!status && total && o->measure_error) status = measure_specular(tool, p);
     if (status) return status;
     double seconds = prt_time_s() - started;
     struct prt_picture_options options = {.tone = tone_of(o->tone),

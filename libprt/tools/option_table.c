@@ -180,7 +180,8 @@ const struct option_row option_table[] = {
     {"bump-mm", 0, "H", OPTION_REAL, AT(bump_mm), 0, 1e4, NULL, IMAGE,
      "height in mm of white in --bump-map (default 0.5)"},
     {"measure-error", 0, NULL, OPTION_FLAG, AT(measure_error), 0, 0, NULL, IMAGE,
-     "image-space engines: measure the error at some pixels against brute force; --json prints it"},
+     "print the error of reflections against traced rays, and for image-space engines the error at "
+     "some pixels against brute force; --json has both"},
     {"quality", 0, "Q", OPTION_WHOLE, AT(quality), 1, 100, NULL, IMAGE | ENV,
      "quality of a JPEG (default 92)"},
     {"float", 0, NULL, OPTION_FLAG, AT(full_float), 0, 0, NULL, IMAGE | ENV,

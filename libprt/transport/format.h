@@ -66,6 +66,7 @@ enum format_section_type {
     // of several media; files with one have neither
     SECTION_MEDIA,     // the second medium and so on
     SECTION_MEDIUM_OF, // a byte an object
+    SECTION_BLOCKED,   // sky that the model hides from its vertices
 };
 
 struct format_section {

@@ -194,7 +194,7 @@ static int take_cameras(struct prt_file *f)
 static int take_mesh(struct prt_file *f, const struct format_info *info)
 {
     struct prt_mesh *m = &f->transport.mesh;
-    uint32_t has_uv = 0;
+    uint32_t has_uv = 0, has_blocked = 0;
     *m = (struct prt_mesh){.n_vertex = info->n_vertex,
                            .n_triangle = info->n_triangle,
                            .n_block = info->n_block,
@@ -207,7 +207,10 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
                            .n_nonmanifold_edge = info->n_nonmanifold_edge,
                            .n_degenerate_triangle = info->n_degenerate_triangle,
                            .texture_split = info->texture_split};
-    for (uint32_t i = 0; i < f->n_section; i++) has_uv |= f->section[i].type == SECTION_UV;
+    for (uint32_t i = 0; i < f->n_section; i++) {
+        has_uv |= f->section[i].type == SECTION_UV;
+        has_blocked |= f->section[i].type == SECTION_BLOCKED;
+    }
     TAKE(f, SECTION_POSITION, 0, 12ull * m->n_vertex, m->position);
     TAKE(f, SECTION_NORMAL, 0, 12ull * m->n_vertex, m->normal);
     if (has_uv) TAKE(f, SECTION_UV, 0, 8ull * m->n_vertex, m->uv);
@@ -215,6 +218,8 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     TAKE(f, SECTION_WELD, 0, 4ull * m->n_vertex, m->weld);
     TAKE(f, SECTION_BLOCK, 0, (uint64_t)sizeof *m->block * m->n_block, m->block);
     TAKE(f, SECTION_SURFACE, 0, (uint64_t)sizeof *m->surface * m->n_surface, m->surface);
+    if (has_blocked)
+        TAKE(f, SECTION_BLOCKED, 0, sizeof *m->blocked * (uint64_t)m->n_vertex, m->blocked);
     if (bytes_of(f, SECTION_OBJECT))
         TAKE(f, SECTION_OBJECT, 0, (uint64_t)sizeof *m->object * m->n_object, m->object);
     int status = take_cameras(f);

@@ -39,6 +39,8 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     put(l, SECTION_WELD, 0, m->weld, 4ull * m->n_vertex);
     put(l, SECTION_BLOCK, 0, m->block, (uint64_t)sizeof *m->block * m->n_block);
     put(l, SECTION_SURFACE, 0, m->surface, (uint64_t)sizeof *m->surface * m->n_surface);
+    if (m->blocked)
+        put(l, SECTION_BLOCKED, 0, m->blocked, sizeof *m->blocked * (uint64_t)m->n_vertex);
     if (m->object)
         put(l, SECTION_OBJECT, 0, m->object, (uint64_t)sizeof *m->object * m->n_object);
     put(l, SECTION_CAMERA, 0, m->camera, (uint64_t)sizeof *m->camera * m->n_camera);

@@ -43,8 +43,7 @@ static bool identify_link(struct exchange *x, struct caller *caller,
     uint32_t retry_ms = 0;
     bool reads = !strcmp(method, "GET") || !strcmp(method, "HEAD");
     bool fine = x->route && x->route->signable && reads;
-    if (!fine)
-        http_refuse(problem, 403, "forbidden", "signed links are for pictures of models alone");
+    if (!fine) http_refuse(problem, 403, "forbidden", "signed links are for pictures alone");
     fine = fine && signed_url_caller(x->server->access, &x->head, caller, problem);
     if (fine && !access_take_request(x->server->access, caller, &retry_ms)) {
         fine = false;

@@ -111,6 +111,12 @@ void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last
     answer_bytes(x, type[in->format], payload);
 }
 
+void answer_environment(struct exchange *x, const ProtobufCMessage *message, bool last,
+                        struct payload *payload)
+{
+    answer_bytes(x, "image/jpeg", payload);
+}
+
 static int run_file(struct work *work, const struct prt_context *ctx)
 {
     struct work_of_exchange *w = (struct work_of_exchange *)work;

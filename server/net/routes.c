@@ -251,6 +251,18 @@ static bool prepare_colors(struct exchange *x, struct http_problem *problem)
     return true;
 }
 
+static bool prepare_environment(struct exchange *x, struct http_problem *problem)
+{
+    static const struct field fields[] = {{"width", "thumbnail", NULL}};
+    char error[MESSAGE_TEXT_ERROR];
+    if (!new_message(x, &relight__env_request__descriptor, problem)) return false;
+    if (!set_env(x->message, "env", x->id, error) &&
+        !message_set(x->message, "thumbnail", "256", error))
+        return set_fields(x, fields, 1, problem);
+    http_refuse(problem, 400, "bad_request", "%s", error);
+    return false;
+}
+
 static bool prepare_load(struct exchange *x, struct http_problem *problem)
 {
     const char *name = http_parameter(&x->head, "name");
@@ -426,6 +438,8 @@ static const struct route routes[] = {
      answer_colors, false},
     {"POST", "/v1/models/*/colors", BODY_FILE_OR_JSON, RELIGHT_TYPE_COLORS, prepare_colors,
      add_light, answer_colors, false},
+    {"GET", "/v1/environments/*/image.jpg", BODY_NONE, RELIGHT_TYPE_ENV, prepare_environment,
+     NULL, answer_environment, false, false, true},
     {"GET", "/v1/models/*", BODY_NONE, RELIGHT_TYPE_INFO, prepare_info, NULL, answer_json,
      false},
     {"DELETE", "/v1/models/*", BODY_NONE, RELIGHT_TYPE_UNLOAD, prepare_unload, NULL,

@@ -24,6 +24,8 @@ void answer_load(struct exchange *x, const ProtobufCMessage *message, bool last,
                  struct payload *payload);
 void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last,
                   struct payload *payload);
+void answer_environment(struct exchange *x, const ProtobufCMessage *message, bool last,
+                        struct payload *payload);
 void answer_colors(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload);
 void answer_events(struct exchange *x, const ProtobufCMessage *message, bool last,

@@ -31,6 +31,8 @@ size_t texture_sections_plan(const struct prt_mesh *mesh, size_t size,
     if (n_uv(mesh)) out->uv = place(&size, 8 * (size_t)n_uv(mesh) * mesh->n_vertex);
     if (mesh->corner_uv) out->corner_uv = place(&size, 24 * (size_t)mesh->n_triangle);
     if (mesh->color) out->color = place(&size, 16 * (size_t)mesh->n_vertex);
+    if (mesh->blocked)
+        out->blocked = place(&size, sizeof *mesh->blocked * (size_t)mesh->n_vertex);
     return size;
 }
 
@@ -44,6 +46,9 @@ void texture_sections_copy(const struct prt_mesh *mesh, const struct texture_sec
     if (at->corner_uv)
         memcpy(payload + at->corner_uv, mesh->corner_uv, 24 * (size_t)mesh->n_triangle);
     if (at->color) memcpy(payload + at->color, mesh->color, 16 * (size_t)mesh->n_vertex);
+    if (at->blocked)
+        memcpy(payload + at->blocked, mesh->blocked,
+               sizeof *mesh->blocked * (size_t)mesh->n_vertex);
 }
 
 enum { HASH = 32 };
@@ -141,6 +146,7 @@ void *texture_answer(const struct prt_mesh *mesh, const struct texture_sections 
     out->corner_uv_offset = at->corner_uv;
     out->color_offset = at->color;
     out->texture_split = mesh->texture_split;
+    out->blocked_offset = at->blocked;
     return memory;
 }
 

@@ -8,7 +8,7 @@
 #include "relight.pb-c.h"
 
 struct texture_sections {
-    size_t uv, corner_uv, color; // offsets; 0: left out
+    size_t uv, corner_uv, color, blocked; // offsets; 0: left out
 };
 // Appends the sections of a mesh to a payload of `size` bytes; returns its new size.
 size_t texture_sections_plan(const struct prt_mesh *mesh, size_t size,

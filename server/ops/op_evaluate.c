@@ -5,7 +5,9 @@
 #include "render/render.h"
 #include "net/request_wait.h"
 #include "prt/picture.h"
+#include "prt/picture.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -124,14 +126,17 @@ struct env_job {
     char env[96];
     bool was_ready;
     float mean[3];
-    uint32_t cube_n; // of the texels that the client wants; 0: none
-    uint32_t *texel; // RGB9E5 [6][cube_n][cube_n]
+    uint32_t cube_n;    // of the texels that the client wants; 0: none
+    uint32_t *texel;    // RGB9E5 [6][cube_n][cube_n]
+    uint32_t thumbnail; // its width; 0: none
+    struct prt_blob jpeg;
 };
 
 static void end_env_job(struct env_job *job)
 {
     cache_release(job->wait.entry);
     free(job->texel);
+    prt_free(job->jpeg.bytes);
     free(job);
 }
 
@@ -147,6 +152,27 @@ static int encode_cube(struct env_job *job, const struct decoded_env *d,
     if (job->texel) prt_encode_rgb9e5(ctx, cube.texel, n, job->texel);
     prt_cube_finish(&cube);
     return job->texel ? PRT_OK : PRT_NOMEM;
+}
+
+// A lat-long picture whose mean luminance becomes a middle grey.
+static int encode_thumbnail(struct env_job *job, const struct decoded_env *d,
+                            const struct prt_context *ctx)
+{
+    const float *m = job->mean, luminance = 0.2126f * m[0] + 0.7152f * m[1] + 0.0722f * m[2];
+    struct prt_picture_options options = {.tone = PRT_TONE_FILMIC, .quality = 85};
+    struct prt_cube cube;
+    struct prt_image image = {0};
+    uint32_t n = 16;
+    while (n < 256 && 4 * n < job->thumbnail) n *= 2;
+    if (luminance > 1e-9f)
+        options.exposure_ev = fminf(20, fmaxf(-20, log2f(0.25f / luminance)));
+    int status = prt_env_to_cube(ctx, &d->env, n, 0, &cube);
+    if (status) return status;
+    status = prt_cube_to_latlong(ctx, &cube, job->thumbnail, job->thumbnail / 2, &image);
+    if (!status) status = prt_picture_format(".jpg")->encode(ctx, &image, &options, &job->jpeg);
+    prt_image_finish(&image);
+    prt_cube_finish(&cube);
+    return status;
 }
 
 static int run_mean(struct work *work, const struct prt_context *ctx)
@@ -165,6 +191,7 @@ static int run_mean(struct work *work, const struct prt_context *ctx)
     }
     for (int c = 0; c < 3; c++) job->mean[c] = (float)(sum[c] / weight);
     prt_cube_finish(&cube);
+    if (job->thumbnail) return encode_thumbnail(job, d, ctx);
     return job->cube_n ? encode_cube(job, d, ctx) : PRT_OK;
 }
 
@@ -191,8 +218,10 @@ static void mean_known(struct request_wait *wait, struct request *request)
         out.cube_n = job->cube_n;
         struct payload texels = {job->texel, (size_t)24 * job->cube_n * job->cube_n, job->texel,
                                  free};
+        struct payload jpeg = {job->jpeg.bytes, job->jpeg.size, job->jpeg.bytes, prt_free};
         job->texel = NULL;
-        request_answer(request, &out.base, out.cube_n ? &texels : NULL);
+        job->jpeg.bytes = NULL;
+        request_answer(request, &out.base, jpeg.bytes ? &jpeg : out.cube_n ? &texels : NULL);
     }
     end_env_job(job);
 }
@@ -217,6 +246,13 @@ void op_env(struct request *request)
                      "cube_n %u is not 16, 32, 64, 128 or 256", in->cube_n);
         return;
     }
+    if (in->thumbnail &&
+        (in->thumbnail < 32 || in->thumbnail > 1024 || in->thumbnail % 2 || in->cube_n)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
+                     "thumbnail %u is not an even width of 32 to 1024, without cube_n",
+                     in->thumbnail);
+        return;
+    }
     struct env_job *job = calloc(1, sizeof *job);
     int code = job ? env_of_request(request, in->env, env, error)
                    : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
@@ -229,6 +265,7 @@ void op_env(struct request *request)
     }
     snprintf(job->env, sizeof job->env, "%s", env);
     job->cube_n = in->cube_n;
+    job->thumbnail = in->thumbnail;
     job->was_ready = entry->state == CACHE_READY;
     request_await_entry(request, &job->wait, entry, env_ready);
 }

@@ -254,7 +254,7 @@ static int check_event(struct folding *f, const struct action *row)
     return 0;
 }
 
-// The newest number of each client, at the end of the list; the oldest goes.
+// The newest number of each client, at the end of the list; the oldest is dropped.
 static int remember_client(struct folding *f)
 {
     Relight__RoomClient m = RELIGHT__ROOM_CLIENT__INIT;

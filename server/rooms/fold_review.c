@@ -249,7 +249,7 @@ static bool may_erase(const struct folding *f, const Relight__Stamp *stamp)
     return is_author(f, stamp) || f->event->role >= RELIGHT__ROOM_ROLE__ROLE_OWNER;
 }
 
-// A pin goes with its notes and strokes.
+// A removed pin takes its notes and strokes with it.
 static void remove_pin(Relight__RoomState *s, size_t at)
 {
     uint64_t pin = s->pins[at]->stamp->sequence;

@@ -336,7 +336,7 @@ int fold_variant(struct folding *f)
     m.stamp = f->event->stamp;
     if (*in->material && !list_add(&s->variants, &s->n_variants, message_copy(&m)))
         return fold_no_memory(f);
-    // The new one is the last; the one of its name goes.
+    // The new one is appended; an earlier one of its name is removed.
     if (at + (*in->material != 0) < s->n_variants || !*in->material)
         list_remove(&s->variants, &s->n_variants, at);
     return 0;

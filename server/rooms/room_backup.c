@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// ROOM_BACKUP: a copy of the store, made while it is used, goes to the client piece by piece.
+// ROOM_BACKUP: a copy of the store, made while it is used, is sent to the client piece by
+// piece.
 #include "rooms/room_backup.h"
 
 #include "core/log.h"

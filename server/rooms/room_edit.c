@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// An action becomes an event: accepted by the fold, written, then told to everybody. The
-// acknowledgement follows the disk.
+// An action becomes an event: the fold accepts it, it is written, then it is sent to every
+// seat. The request is answered when the event is on the disk.
 #include "rooms/room_private.h"
 
 #include "core/log.h"
@@ -143,9 +143,31 @@ static void committed(struct edit *edit)
     }
     seats_wake(room);
     readers_check(room);
-    if (!room->stale && room->state && room->state->sequence == room->committed &&
-        room->committed >= room->snapshot + ROOM_SNAPSHOT_EVENTS)
+    // It may have events that are on their way: the store takes it after them, or not at all.
+    if (!room->stale && room->state && room->committed >= room->snapshot + ROOM_SNAPSHOT_EVENTS)
         room_write_snapshot(room);
+}
+
+// It starts again once the room is read, or its request fails.
+static void not_written(struct edit *edit)
+{
+    struct room *room = edit->room;
+    char error[ROOM_ERROR];
+    give_back(edit);
+    room_spoil(room);
+    if (edit->task.status != ROOM_TASK_FAILED && ++edit->tries < MOST_TRIES &&
+        !edit->event->action->start) {
+        struct edit **at = &room->again; // in their order
+        while (*at) at = &(*at)->next;
+        *at = edit;
+        edit->next = NULL;
+        return;
+    }
+    log_line(LOG_ERR, "room=%s: an event could not be written: %s", room->id, edit->task.error);
+    snprintf(error, sizeof error, "the room could not be written, nothing was changed: %s",
+             edit->task.error);
+    if (edit->event->action->start) give_back_room(room->rooms->server, edit->event->stamp->by);
+    refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
 }
 
 static void edit_done(struct room_task *task)
@@ -158,26 +180,7 @@ static void edit_done(struct room_task *task)
         committed(edit);
         edit_free(edit);
     } else {
-        give_back(edit);
-        room_spoil(room);
-        if (task->status != ROOM_TASK_FAILED && ++edit->tries < MOST_TRIES &&
-            !edit->event->action->start) {
-            struct edit **at = &room->again; // in their order
-            while (*at) at = &(*at)->next;
-            *at = edit;
-            edit->next = NULL;
-        } else {
-            char error[ROOM_ERROR];
-            log_line(LOG_ERR, "room=%s: an event could not be written: %s", room->id,
-                     task->error);
-            snprintf(error, sizeof error,
-                     "the room could not be written, nothing was changed: "
-                     "%s",
-                     task->error);
-            if (edit->event->action->start)
-                give_back_room(room->rooms->server, edit->event->stamp->by);
-            refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
-        }
+        not_written(edit);
     }
     room_reload_if_idle(room);
     room_release(room);

@@ -41,7 +41,7 @@ static void create(struct request *request, const Relight__RoomAction *action)
     snprintf(room->owner, sizeof room->owner, "%s", request->conn->caller.name);
     room_hold(room);
     room_edit(request, room, action, RELIGHT__ROOM_ROLE__ROLE_OWNER);
-    if (!room->n_edit) give_back_room(request->server, room->owner); // it was refused
+    if (!room->n_edit) give_back_room(rooms->server, room->owner); // it was refused
     room_release(room);
 }
 
@@ -162,19 +162,13 @@ struct reading {
 static void answer_events(struct request *request, struct room *room,
                           const struct room_task *task)
 {
-    enum { TAG = 0x0a, LENGTH = 10 };
     Relight__RoomGetAnswer out = RELIGHT__ROOM_GET_ANSWER__INIT;
     size_t most = 1, n = 0;
-    for (size_t i = 0; i < task->n_event; i++) most += task->event[i].n + LENGTH + 1;
+    for (size_t i = 0; i < task->n_event; i++) most += events_room(task->event[i].n);
     uint8_t *bytes = malloc(most);
     for (size_t i = 0; bytes && i < task->n_event; i++) {
         const struct room_event_bytes *e = &task->event[i];
-        bytes[n++] = TAG; // RoomEvents.events
-        size_t left = e->n;
-        for (; left > 127; left >>= 7) bytes[n++] = (uint8_t)(left | 128);
-        bytes[n++] = (uint8_t)left;
-        memcpy(bytes + n, e->bytes, e->n);
-        n += e->n;
+        n += events_put(bytes + n, e->bytes, e->n);
         out.last = e->sequence;
     }
     if (!bytes) {
@@ -199,8 +193,7 @@ static void events_read(struct room_task *task)
     free(r);
 }
 
-// A state that is packed, but has events that are on their way to the disk: nobody sees it
-// before they are there.
+// A packed state with events that are not on the disk yet: it is answered once they are.
 struct reader {
     struct request_wait wait; // first
     struct reader *next;

@@ -2,8 +2,9 @@
 /* room_private.h owns a room in memory, for the files of this folder.
  *
  *   request -> with_room() reads the room from the store where it is not in memory
- *           -> room_edit(): the event is folded into `state` (or refused), and goes to the
- * store store   -> edit_done(): it is on the disk: the request is answered, seats get the event
+ *           -> room_edit() folds the event into `state`, or refuses it, and queues its write
+ *   store   -> edit_done(): the event is on the disk; the request is answered and the event
+ *              sent to the seats
  *
  * `state` is ahead of `committed` by the events on their way to the disk. When one of them can
  * not be written, the state is read again, without it. Seats see committed events alone. */

@@ -30,8 +30,8 @@ struct seat {
     uint64_t state_at;
     Relight__Participant *me;
     uint64_t changed;  // presence at the last change of `me`
-    uint64_t presence; // up to which it was told
-    bool told;         // of anybody at all
+    uint64_t presence; // the last change of presence that it was sent
+    bool told;         // whether it was sent any
     int role;
 };
 
@@ -65,7 +65,7 @@ static void tick(struct loop_timer *timer)
     seats_wake((struct room *)((char *)timer - offsetof(struct room, tick)));
 }
 
-// Changes are told together, some thirty times a second.
+// Changes are sent together, some thirty times a second.
 static void presence_changed(struct room *room)
 {
     room->tick.fire = tick;
@@ -91,7 +91,8 @@ static void leave(struct request *request)
     room_release(room);
 }
 
-// Who changed since this seat was told; with everybody where it missed someone's leaving.
+// Sends the participants that changed since the last message; all, where a departure was
+// missed.
 static void send_presence(struct seat *seat)
 {
     struct room *room = seat->room;
@@ -172,14 +173,6 @@ static void release_shared(void *owner)
     if (!--shared->refs) free(shared);
 }
 
-static size_t put_length(uint8_t *to, size_t n)
-{
-    size_t at = 0;
-    for (; n > 127; n >>= 7) to[at++] = (uint8_t)(n | 128);
-    to[at++] = (uint8_t)n;
-    return at;
-}
-
 static struct room_event_bytes *tail_event(const struct room *room, uint64_t sequence)
 {
     struct room_tail *t = room->tail;
@@ -191,13 +184,12 @@ static struct room_event_bytes *tail_event(const struct room *room, uint64_t seq
 // A packed RoomEvents of what follows `from`, shared by all who are as far.
 static struct shared_bytes *batch_after(struct room *room, uint64_t from)
 {
-    enum { TAG = 0x0a, LENGTH = 10 }; // field 1, length-delimited
     if (room->batch && room->batch_from == from) return room->batch;
     size_t most = 0;
     uint64_t to = from;
     for (struct room_event_bytes *e; to < room->committed && (e = tail_event(room, to + 1));) {
         if (most && most + e->n > most_batch) break;
-        most += e->n + LENGTH + 1;
+        most += events_room(e->n);
         to++;
     }
     struct shared_bytes *batch = to > from ? malloc(sizeof *batch + most) : NULL;
@@ -206,10 +198,7 @@ static struct shared_bytes *batch_after(struct room *room, uint64_t from)
     batch->n = 0;
     for (uint64_t s = from + 1; s <= to; s++) {
         struct room_event_bytes *e = tail_event(room, s);
-        batch->bytes[batch->n++] = TAG;
-        batch->n += put_length(batch->bytes + batch->n, e->n);
-        memcpy(batch->bytes + batch->n, e->bytes, e->n);
-        batch->n += e->n;
+        batch->n += events_put(batch->bytes + batch->n, e->bytes, e->n);
     }
     if (room->batch) release_shared(room->batch);
     room->batch = batch;

@@ -55,6 +55,24 @@ void list_remove(void *list, size_t *n, size_t at)
     memmove(items + at, items + at + 1, (--*n - at) * sizeof *items);
 }
 
+// Field 1 of RoomEvents, length-delimited.
+enum { EVENTS_TAG = 0x0a, EVENTS_LENGTH = 10 };
+
+size_t events_room(size_t n)
+{
+    return 1 + EVENTS_LENGTH + n;
+}
+
+size_t events_put(uint8_t *to, const uint8_t *event, size_t n)
+{
+    size_t at = 0, left = n;
+    to[at++] = EVENTS_TAG;
+    for (; left > 127; left >>= 7) to[at++] = (uint8_t)(left | 128);
+    to[at++] = (uint8_t)left;
+    memcpy(to + at, event, n);
+    return at + n;
+}
+
 int fold_fail(struct folding *f, int code, const char *fmt, ...)
 {
     va_list ap;

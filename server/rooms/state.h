@@ -26,6 +26,11 @@ void *list_add(void *list, size_t *n, void *message);
 /* Frees the entry and closes the gap. */
 void list_remove(void *list, size_t *n, size_t at);
 
+/* Bytes that an event of n bytes takes at most in a packed RoomEvents; puts it there and
+ * returns how many it took. */
+size_t events_room(size_t n);
+size_t events_put(uint8_t *to, const uint8_t *event, size_t n);
+
 /* Writes the error and returns the code. */
 int fold_fail(struct folding *f, int code, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));

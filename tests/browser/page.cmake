@@ -6,5 +6,8 @@ if(TARGET page)
   add_test(NAME page_style COMMAND sh -c "./node_modules/.bin/eslint . && ./node_modules/.bin/prettier --check ."
     WORKING_DIRECTORY ${web})
   add_test(NAME page_units COMMAND ${web}/node_modules/.bin/vitest run WORKING_DIRECTORY ${web})
-  set_tests_properties(page_types page_style page_units PROPERTIES LABELS browser TIMEOUT 300)
+  add_test(NAME page_browser COMMAND ${NODE_PROGRAM} ${CMAKE_CURRENT_LIST_DIR}/page.mjs
+    ${CMAKE_BINARY_DIR}/bin ${web})
+  set_tests_properties(page_types page_style page_units page_browser PROPERTIES LABELS browser
+    TIMEOUT 600 SKIP_RETURN_CODE 77)
 endif()

@@ -66,6 +66,8 @@ static const char *check_message(struct world *world, const struct relight_frame
     }
     if (f->type == (RELIGHT_TYPE_PUT_POSE | RELIGHT_TYPE_ANSWER))
         world_learn_pose(world, ((const Relight__PutPoseAnswer *)message)->pose);
+    if (f->type == (RELIGHT_TYPE_ROOM_CREATE | RELIGHT_TYPE_ANSWER))
+        world_learn_room(world, ((const Relight__RoomCreateAnswer *)message)->room);
     if (f->type == (RELIGHT_TYPE_CANCEL_JOB | RELIGHT_TYPE_ANSWER) &&
         ((const Relight__CancelJobAnswer *)message)->state > 5u)
         return fault(f, "the job's state is none of the protocol's");

@@ -106,7 +106,8 @@ static void close_peer(struct peer *p)
 
 static void ask(struct peer *p, uint16_t type, uint64_t id)
 {
-    if (type != RELIGHT_TYPE_VIEW_ACK) answers_ask(&p->answers, id, type);
+    if (type != RELIGHT_TYPE_VIEW_ACK && type != RELIGHT_TYPE_ROOM_PRESENCE)
+        answers_ask(&p->answers, id, type);
     n_frame++;
 }
 

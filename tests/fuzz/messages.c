@@ -92,7 +92,7 @@ void world_init(struct world *world, struct rnd *r)
 
 void world_forget(struct world *world)
 {
-    world->n_model = world->n_job = world->n_pose = 0;
+    world->n_model = world->n_job = world->n_pose = world->n_room = 0;
 }
 
 void world_learn_model(struct world *world, const char *id)
@@ -108,6 +108,12 @@ void world_learn_pose(struct world *world, const char *name)
 {
     unsigned at = world->n_pose < WORLD_POSES ? world->n_pose++ : rnd(world->rnd, WORLD_POSES);
     snprintf(world->pose[at], sizeof world->pose[at], "%s", name);
+}
+
+void world_learn_room(struct world *world, const char *id)
+{
+    unsigned at = world->n_room < WORLD_ROOMS ? world->n_room++ : rnd(world->rnd, WORLD_ROOMS);
+    snprintf(world->room[at], sizeof world->room[at], "%s", id);
 }
 
 // Rarely one: pictures of poses are drawn by slower engines.
@@ -328,9 +334,9 @@ static Relight__Picture *picture(struct rnd *r, struct picture *p)
 
 // ---- frames
 
-static void emit(struct world *world, uint16_t type, uint64_t id,
-                 const ProtobufCMessage *message, const void *payload, size_t n,
-                 struct bytes *out)
+void message_emit(struct world *world, uint16_t type, uint64_t id,
+                  const ProtobufCMessage *message, const void *payload, size_t n,
+                  struct bytes *out)
 {
     struct rnd *r = world->rnd;
     struct relight_frame frame = {
@@ -344,7 +350,8 @@ static void emit(struct world *world, uint16_t type, uint64_t id,
     free(head);
 }
 
-#define EMIT(NAME, message) emit(world, RELIGHT_TYPE_##NAME, id, &(message).base, NULL, 0, out)
+#define EMIT(NAME, message) \
+    message_emit(world, RELIGHT_TYPE_##NAME, id, &(message).base, NULL, 0, out)
 
 void message_hello(struct world *world, uint64_t id, bool good, struct bytes *out)
 {
@@ -387,7 +394,8 @@ void message_upload(struct world *world, uint64_t id, unsigned b, struct bytes *
     if (rnd_chance(r, 20)) in.size = rnd_bits(r) >> rnd(r, 64);
     if (rnd_chance(r, 20)) in.offset = rnd_bits(r) >> rnd(r, 64);
     if (n > blob->n - from) n = blob->n - from;
-    emit(world, RELIGHT_TYPE_PUT_BLOB, id, &in.base, n ? blob->bytes + from : NULL, n, out);
+    message_emit(world, RELIGHT_TYPE_PUT_BLOB, id, &in.base, n ? blob->bytes + from : NULL, n,
+                 out);
 }
 
 void message_load(struct world *world, uint64_t id, enum load_kind kind, struct bytes *out)
@@ -439,7 +447,7 @@ static void update_vertices(struct world *world, uint64_t id, struct bytes *out)
     size_t n = in.n * (in.has_normals ? 24u : 12u);
     for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
     if (rnd_chance(r, 20)) in.n = odd_number(r);
-    emit(world, RELIGHT_TYPE_UPDATE_VERTICES, id, &in.base, vertex, n, out);
+    message_emit(world, RELIGHT_TYPE_UPDATE_VERTICES, id, &in.base, vertex, n, out);
 }
 
 static void put_pose(struct world *world, uint64_t id, struct bytes *out)
@@ -456,7 +464,7 @@ static void put_pose(struct world *world, uint64_t id, struct bytes *out)
     size_t n = in.n * (in.has_normals ? 24u : 12u);
     for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
     if (rnd_chance(r, 20)) in.n = odd_number(r);
-    emit(world, RELIGHT_TYPE_PUT_POSE, id, &in.base, vertex, n, out);
+    message_emit(world, RELIGHT_TYPE_PUT_POSE, id, &in.base, vertex, n, out);
 }
 
 static void colors(struct world *world, uint64_t id, struct bytes *out)
@@ -475,7 +483,7 @@ static void colors(struct world *world, uint64_t id, struct bytes *out)
     in.most_rank = rnd_chance(r, 3) ? (uint32_t)odd_number(r) : 0;
     in.phases = rnd_chance(r, 2);
     in.pose = any_pose(world);
-    emit(world, RELIGHT_TYPE_COLORS, id, &in.base, l.payload, l.payload_bytes, out);
+    message_emit(world, RELIGHT_TYPE_COLORS, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
 }
 
@@ -493,7 +501,7 @@ static void image(struct world *world, uint64_t id, struct bytes *out)
     if (!rnd_chance(r, 3)) in.shade = shade(world, &s);
     in.picture = picture(r, &p);
     in.pose = any_pose(world);
-    emit(world, RELIGHT_TYPE_IMAGE, id, &in.base, l.payload, l.payload_bytes, out);
+    message_emit(world, RELIGHT_TYPE_IMAGE, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
 }
 
@@ -551,8 +559,8 @@ static void view_open(struct world *world, uint64_t id, struct bytes *out)
     in.state = view_state(world, &s);
     in.model = (char *)any_model(world);
     in.colors = rnd_chance(r, 2);
-    emit(world, RELIGHT_TYPE_VIEW_OPEN, id, &in.base, s.lights.payload, s.lights.payload_bytes,
-         out);
+    message_emit(world, RELIGHT_TYPE_VIEW_OPEN, id, &in.base, s.lights.payload,
+                 s.lights.payload_bytes, out);
     free(s.lights.payload);
 }
 
@@ -565,8 +573,8 @@ static void view_set(struct world *world, uint64_t id, uint64_t view, struct byt
     in.sequence = rnd(r, 100);
     in.shown = rnd_chance(r, 2) ? rnd(r, 8) : rnd_bits(r) >> rnd(r, 64);
     if (!rnd_chance(r, 4)) in.state = view_state(world, &s);
-    emit(world, RELIGHT_TYPE_VIEW_SET, id, &in.base, s.lights.payload, s.lights.payload_bytes,
-         out);
+    message_emit(world, RELIGHT_TYPE_VIEW_SET, id, &in.base, s.lights.payload,
+                 s.lights.payload_bytes, out);
     free(s.lights.payload);
 }
 
@@ -579,33 +587,38 @@ static char *token_name(struct rnd *r)
 uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct bytes *out)
 {
     // Twice where more state hangs on it.
-    static const uint16_t type[] = {RELIGHT_TYPE_PING,         RELIGHT_TYPE_LIST,
-                                    RELIGHT_TYPE_PUT_BLOB,     RELIGHT_TYPE_PUT_BLOB,
-                                    RELIGHT_TYPE_ENV,          RELIGHT_TYPE_LOAD,
-                                    RELIGHT_TYPE_LOAD,         RELIGHT_TYPE_WATCH,
-                                    RELIGHT_TYPE_WATCH,        RELIGHT_TYPE_CANCEL_JOB,
-                                    RELIGHT_TYPE_CANCEL_JOB,   RELIGHT_TYPE_CANCEL,
-                                    RELIGHT_TYPE_CANCEL,       RELIGHT_TYPE_INFO,
-                                    RELIGHT_TYPE_GEOMETRY,     RELIGHT_TYPE_COLORS,
-                                    RELIGHT_TYPE_COLORS,       RELIGHT_TYPE_IMAGE,
-                                    RELIGHT_TYPE_VIEW_OPEN,    RELIGHT_TYPE_VIEW_OPEN,
-                                    RELIGHT_TYPE_VIEW_OPEN,    RELIGHT_TYPE_VIEW_SET,
-                                    RELIGHT_TYPE_VIEW_SET,     RELIGHT_TYPE_VIEW_SET,
-                                    RELIGHT_TYPE_VIEW_CLOSE,   RELIGHT_TYPE_UPDATE_VERTICES,
-                                    RELIGHT_TYPE_UNLOAD,       RELIGHT_TYPE_STATS,
-                                    RELIGHT_TYPE_SUBSCRIBE,    RELIGHT_TYPE_SUBSCRIBE,
-                                    RELIGHT_TYPE_TOKEN_CREATE, RELIGHT_TYPE_TOKEN_LIST,
-                                    RELIGHT_TYPE_TOKEN_REVOKE, RELIGHT_TYPE_VIEW_ACK,
-                                    RELIGHT_TYPE_VIEW_ACK,     RELIGHT_TYPE_PUT_POSE,
-                                    RELIGHT_TYPE_PUT_POSE,     RELIGHT_TYPE_GET_BLOB,
-                                    RELIGHT_TYPE_FACTORS};
+    static const uint16_t type[] = {RELIGHT_TYPE_PING,          RELIGHT_TYPE_LIST,
+                                    RELIGHT_TYPE_PUT_BLOB,      RELIGHT_TYPE_PUT_BLOB,
+                                    RELIGHT_TYPE_ENV,           RELIGHT_TYPE_LOAD,
+                                    RELIGHT_TYPE_LOAD,          RELIGHT_TYPE_WATCH,
+                                    RELIGHT_TYPE_WATCH,         RELIGHT_TYPE_CANCEL_JOB,
+                                    RELIGHT_TYPE_CANCEL_JOB,    RELIGHT_TYPE_CANCEL,
+                                    RELIGHT_TYPE_CANCEL,        RELIGHT_TYPE_INFO,
+                                    RELIGHT_TYPE_GEOMETRY,      RELIGHT_TYPE_COLORS,
+                                    RELIGHT_TYPE_COLORS,        RELIGHT_TYPE_IMAGE,
+                                    RELIGHT_TYPE_VIEW_OPEN,     RELIGHT_TYPE_VIEW_OPEN,
+                                    RELIGHT_TYPE_VIEW_OPEN,     RELIGHT_TYPE_VIEW_SET,
+                                    RELIGHT_TYPE_VIEW_SET,      RELIGHT_TYPE_VIEW_SET,
+                                    RELIGHT_TYPE_VIEW_CLOSE,    RELIGHT_TYPE_UPDATE_VERTICES,
+                                    RELIGHT_TYPE_UNLOAD,        RELIGHT_TYPE_STATS,
+                                    RELIGHT_TYPE_SUBSCRIBE,     RELIGHT_TYPE_SUBSCRIBE,
+                                    RELIGHT_TYPE_TOKEN_CREATE,  RELIGHT_TYPE_TOKEN_LIST,
+                                    RELIGHT_TYPE_TOKEN_REVOKE,  RELIGHT_TYPE_VIEW_ACK,
+                                    RELIGHT_TYPE_VIEW_ACK,      RELIGHT_TYPE_PUT_POSE,
+                                    RELIGHT_TYPE_PUT_POSE,      RELIGHT_TYPE_GET_BLOB,
+                                    RELIGHT_TYPE_FACTORS,       RELIGHT_TYPE_ROOM_CREATE,
+                                    RELIGHT_TYPE_ROOM_EDIT,     RELIGHT_TYPE_ROOM_EDIT,
+                                    RELIGHT_TYPE_ROOM_EDIT,     RELIGHT_TYPE_ROOM_GET,
+                                    RELIGHT_TYPE_ROOM_LIST,     RELIGHT_TYPE_ROOM_PICTURE,
+                                    RELIGHT_TYPE_ROOM_PRESENCE, RELIGHT_TYPE_ROOM_BACKUP,
+                                    RELIGHT_TYPE_MATERIAL};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
     switch (one) {
     case RELIGHT_TYPE_PING: {
         Relight__PingRequest in = RELIGHT__PING_REQUEST__INIT;
-        emit(world, one, id, &in.base, world->blob, rnd(r, 3000), out);
+        message_emit(world, one, id, &in.base, world->blob, rnd(r, 3000), out);
         break;
     }
     case RELIGHT_TYPE_LIST: {
@@ -715,10 +728,24 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         Relight__ViewAck in = RELIGHT__VIEW_ACK__INIT;
         in.view = other;
         in.shown = rnd_chance(r, 2) ? rnd(r, 8) : rnd_bits(r) >> rnd(r, 64);
-        emit(world, one, rnd_chance(r, 30) ? id : 0, &in.base, NULL, 0, out);
+        message_emit(world, one, rnd_chance(r, 30) ? id : 0, &in.base, NULL, 0, out);
         break;
     }
+    case RELIGHT_TYPE_ROOM_CREATE:
+    case RELIGHT_TYPE_ROOM_EDIT:
+    case RELIGHT_TYPE_ROOM_GET:
+    case RELIGHT_TYPE_ROOM_LIST:
+    case RELIGHT_TYPE_ROOM_PICTURE:
+    case RELIGHT_TYPE_ROOM_PRESENCE:
+    case RELIGHT_TYPE_ROOM_BACKUP:
+    case RELIGHT_TYPE_MATERIAL:
+        message_room(world, one, id, other, out);
+        break;
     case RELIGHT_TYPE_SUBSCRIBE: {
+        if (rnd_chance(r, 2)) {
+            message_room(world, one, id, other, out);
+            break;
+        }
         Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
         Relight__EventKind kinds[40];
         in.kinds = kinds;

@@ -14,6 +14,7 @@ enum {
     WORLD_JOBS = 512,
     WORLD_BLOBS = 4,
     WORLD_POSES = 8,
+    WORLD_ROOMS = 4,
     MODEL_VERTICES = 21
 };
 
@@ -34,6 +35,8 @@ struct world {
     char pose[WORLD_POSES][65];
     unsigned n_pose;
     struct blob blob[WORLD_BLOBS];
+    char room[WORLD_ROOMS][33];
+    unsigned n_room;
     uint64_t last_seed; // makes a LOAD differ from all before it
 };
 
@@ -44,12 +47,21 @@ void world_learn_model(struct world *world, const char *id);
 void world_learn_pose(struct world *world, const char *name);
 void world_learn_job(struct world *world, const char *id);
 
+void world_learn_room(struct world *world, const char *id);
+
 // Frames, one behind another.
 struct bytes {
     uint8_t *at;
     size_t n, room;
 };
 void bytes_add(struct bytes *out, const void *bytes, size_t n);
+
+void message_emit(struct world *world, uint16_t type, uint64_t id,
+                  const ProtobufCMessage *message, const void *payload, size_t n,
+                  struct bytes *out);
+// One about review rooms (and MATERIAL). other: another request's id.
+void message_room(struct world *world, uint16_t type, uint64_t id, uint64_t other,
+                  struct bytes *out);
 
 // One frame of a random request. ids: how many different ids a connection may have open; small
 // numbers make views that others name.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The shadow on the plane under a model, and pictures without a background.
+// The shadow on the plane under a model, pictures without a background, specular occlusion.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -15,6 +15,7 @@
 #include "expect.h"
 #include "prt/picture.h"
 #include "prt/screen.h"
+#include "prt/trace.h"
 
 enum { W = 96, H = 72, CUBE = 16 };
 #define R 10.0 // radius [mm] of a ball that stands on y = 0
@@ -172,12 +173,59 @@ static void files_with_alpha(void **state)
     prt_free(blob.bytes);
 }
 
+// Specular occlusion: none on a convex body, and on one that sees itself closer to traced rays
+// than reflections without it.
+static void reflections_of_hidden_sky(void **state)
+{
+    struct prt_camera camera = {
+        .eye = {30, 45, 70}, .target = {0, 0, 0}, .up = {0, 1, 0}, .fovy_deg = 40};
+    struct prt_cube sky;
+    assert_int_equal(prt_cube_init(&sky, 64), PRT_OK);
+    for (int i = 0; i < 6 * 64 * 64 * 3; i++) sky.texel[i] = i / (64 * 64 * 3) == 2 ? 4 : 0.5f;
+    for (int k = 0; k < 2; k++) {
+        struct model m;
+        struct prt_scene *scene;
+        struct prt_visibility *seen;
+        struct prt_gbuffer g;
+        double with, without;
+        model_init(&m, 240 * 121, 240 * 120 * 2);
+        if (k) add_ball(&m, 240, 120, 120, fluted_ball);
+        else add_round_ball(&m, 240, 120, 20);
+        struct prt_mesh *mesh = body_mesh(&context, &m, false);
+        mesh->blocked = prt_alloc(mesh->n_vertex, sizeof *mesh->blocked);
+        assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
+        assert_int_equal(prt_scene_blocked(&context, scene, mesh->blocked), PRT_OK);
+        assert_int_equal(
+            prt_visibility_create(&context, mesh, &camera,
+                                  &(struct prt_raster){160, 120, 1, PRT_RASTER_AUTO}, &seen),
+            PRT_OK);
+        prt_visibility_gbuffer(seen, &g);
+        double least = 1;
+        for (uint32_t i = 0; i < g.n_point; i++) least = fmin(least, (double)g.unblocked[i]);
+        assert_int_equal(
+            prt_specular_error(&context, scene, seen, &sky, 1.5f, 0.2f, &with, &without),
+            PRT_OK);
+        if (k) {
+            expect_above("error of reflections without occlusion, flutes", without, 0.2);
+            expect_below("with occlusion, as a share of that", with / without, 0.6);
+        } else {
+            expect_above("least share of a reflection that a ball leaves", least, 0.999);
+        }
+        prt_visibility_destroy(seen);
+        prt_scene_destroy(scene);
+        prt_free(mesh->blocked);
+        prt_mesh_destroy(mesh);
+    }
+    prt_cube_finish(&sky);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shadow_of_a_ball),
         cmocka_unit_test(composition),
         cmocka_unit_test(files_with_alpha),
+        cmocka_unit_test(reflections_of_hidden_sky),
     };
     return run_physics_tests(tests, set_up, clean_up);
 }

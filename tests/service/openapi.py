@@ -99,7 +99,8 @@ ROOM = ["b"]
 
 def concrete(path, model, job, name):
     room = "absent" if model == "absent" else ROOM[0]
-    return path.format(model=model, job=job, hash=name, room=room, ending="png" if "image" in path else "csv")
+    return path.format(model=model, job=job, hash=name, room=room, ending="png" if "image" in path else "csv",
+                       environment="absent" if model == "absent" else "constant")
 
 
 def call(document, d, path, method, target, body=None, headers=None, expect=None):
@@ -155,6 +156,11 @@ def successes(document, d):
     assert [one["env"] for one in listed] == ["env:" + name], listed
     go("/v1/blobs/{hash}", "PUT", "/v1/blobs/" + name, sky(), None, 201)
     go("/v1/blobs/{hash}", "PUT", "/v1/blobs/%s?size=10" % ("1" * 64), b"12345", None, 202)
+    thumbnail = "/v1/environments/{environment}/image.jpg"
+    tag = go(thumbnail, "GET", "/v1/environments/sky/image.jpg", expect=200)[0]["etag"]
+    go(thumbnail, "GET", "/v1/environments/sky/image.jpg?width=256", None, {"If-None-Match": tag}, 304)
+    broken = json.loads(go("/v1/blobs", "POST", "/v1/blobs?name=broken.hdr", b"no image", None, 201)[1])["hash"]
+    go(thumbnail, "GET", "/v1/environments/%s/image.jpg" % broken, expect=422)
     for kind in ("image", "colors"):
         for ending in ("", ".{ending}"):
             path = "/v1/models/{model}/%s%s" % (kind, ending)
@@ -178,8 +184,8 @@ def faults(document, d, model, job, name):
         target = concrete(path, model, job, name)
         body = sky() if method in ("POST", "PUT") else None
         wants = op["responses"]
-        query = "?env=constant&" if method == "GET" and ("image" in path or "colors" in path) \
-            and "rooms" not in path else "?"
+        lit = "/v1/models/{model}/" in path
+        query = "?env=constant&" if method == "GET" and lit else "?"
         go(path, method, target + query + "unknown=1", body, None, 400)
         go(path, method, target, body, {"Origin": "http://evil.example"}, 403)
         wrong = d.ask("PATCH", target)
@@ -216,7 +222,7 @@ def faults(document, d, model, job, name):
         if "409" in wants:
             engine = "engine=wavelet" if "image" in path else ""
             go(path, method, concrete(path, preview, job, name) + query + engine, body, None, 409)
-        if "422" in wants and method == "GET":  # the bake has a material of its own
+        if "422" in wants and method == "GET" and lit:  # the bake has a material of its own
             go(path, method, target + query + "material=skin1", None, None, 422)
     # A deadline that passes, and a model that goes.
     big = "/v1/models/%s/image.exr?env=constant:3,2,1&size=2000x1900&samples=8&deadline_ms=1" % model
@@ -265,7 +271,7 @@ def leaving(document, binaries):
                 if method in ("POST", "PUT"):
                     body = b"x"
                     target += "?name=a.obj" if template == "/v1/models" else ""
-                elif "models" in template and ("image" in template or "colors" in template):
+                elif "/v1/models/{model}/" in template:
                     target += "?env=constant"
                 call(document, d, template, method, target, body, None, 503)
     finally:

@@ -69,6 +69,16 @@ def pictures_by_link(d, shop):
     words = query.split("&")
     assert d.ask("GET", path + "?" + "&".join(reversed(words)))[2] == picture
     assert d.ask("GET", link.replace("studio", "%73tudio"))[2] == picture
+    # A thumbnail of the environment, by its name, and by a link.
+    thumbnail = "/v1/environments/studio/image.jpg?width=64"
+    status, headers, small = d.ask("GET", thumbnail, headers={"Authorization": "Bearer " + shop})
+    assert status == 200 and headers["content-type"] == "image/jpeg" and small[:2] == b"\xff\xd8"
+    assert d.ask("GET", relight(d, "sign", thumbnail, token=shop), headers=FOREIGN)[2] == small
+    for wrong in ("width=31", "width=1026", "width=33", "height=3"):
+        assert d.ask("GET", "/v1/environments/studio/image.jpg?" + wrong,
+                     headers={"Authorization": "Bearer " + shop})[0] == 400
+    assert d.ask("GET", "/v1/environments/nowhere/image.jpg",
+                 headers={"Authorization": "Bearer " + shop})[0] == 404
     return link
 
 

@@ -444,6 +444,9 @@ struct relight_geometry {
     const struct relight_look *look;        /* [n_look] one for each surface */
     const struct relight_image_info *image; /* [n_image] fetched by relight_texture */
     float texture_split; /* share of the base colour's brightness that the bake has blurred */
+    const int8_t (
+        *blocked)[16]; /* [n_vertex] of a bake: spherical harmonics (l <= 3) of the sky
+                          that the model hides, in steps of 4/127; NULL: not known */
 };
 
 /* An image over a model's texture coordinates: RGBA of 8 bits and its mip chain, levels one

@@ -58,6 +58,10 @@ struct prt_mesh_camera {
     float fovy_deg; /* (0,170) */
 };
 enum { PRT_MESH_MOST_CAMERAS = 256 };
+/* Sky that the model hides from a vertex, as real spherical harmonics l <= 3 (prt_sh_eval) of
+ * the indicator of hidden directions and their mirror images in the tangent plane, each
+ * coefficient in steps of PRT_MESH_BLOCKED_SCALE / 127. */
+enum { PRT_MESH_BLOCKED = 16, PRT_MESH_BLOCKED_SCALE = 4 };
 
 /* Immutable after loading; positions in mm once scaled. World space, right-handed, +y up.
  * Arrays are contiguous; those a reader maps from a .prt file are owned by the map. */
@@ -91,7 +95,9 @@ struct prt_mesh {
     struct prt_texture_image *image; /* [n_image] */
     uint8_t *texel;                  /* [texel_bytes] levels of all images */
     uint64_t texel_bytes;
-    struct prt_volume *volume; /* [n_surface], or NULL; of a model, not of a .prt */
+    int8_t (*blocked)[PRT_MESH_BLOCKED]; /* [n_vertex] of a .prt, or NULL: pictures without
+                                            specular occlusion */
+    struct prt_volume *volume;           /* [n_surface], or NULL; of a model, not of a .prt */
     float texture_split; /* [0,1] share of a texture that scattering blurs (METHODS §10) */
 };
 

@@ -104,6 +104,8 @@ struct prt_gbuffer {
     uint8_t *opaque;            /* [n_point] 1: Lambertian surface */
     float *facing;              /* [n_point] cosine of the flat triangle's normal to the eye */
     float *variance;            /* [n_point] 1 - |mean normal| over the pixel, [0,1) */
+    float *unblocked; /* [n_point] share of the reflection that the model does not hide,
+                         [0,1]; NULL where the mesh has no `blocked` */
     /* Look of textured meshes (prt/mesh.h); NULL for others. */
     float *base[3];     /* [n_point] factor of the radiance after scattering */
     float *turned[3];   /* [n_point] unit normal of the specular reflection */

@@ -199,6 +199,14 @@ int prt_floor_shadow(const struct prt_context *ctx, const struct prt_mesh *mesh,
                      const struct prt_visibility *visibility, const struct prt_cube *light,
                      float **out);
 
+struct prt_scene;
+/* Relative RMSE of the luminance of reflections at points of a picture against traced rays: of
+ * specular occlusion as pictures have it, and without. Opaque points do not count.
+ * Deterministic. Blocks. PRT_NOMEM, PRT_CANCELLED. */
+int prt_specular_error(const struct prt_context *ctx, const struct prt_scene *scene,
+                       const struct prt_visibility *visibility, const struct prt_cube *light,
+                       float eta, float roughness, double *error, double *without);
+
 #ifdef __cplusplus
 }
 #endif

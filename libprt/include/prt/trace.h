@@ -28,6 +28,13 @@ float prt_scene_epsilon(const struct prt_scene *scene);
 /* To be called once by every thread that traces: flush-to-zero and denormals-are-zero. */
 void prt_trace_thread_init(void);
 
+/* The sky that the model hides from each vertex: out [n_vertex of the mesh] (prt/mesh.h). Equal
+ * for any number of threads. Reports "hidden sky" as progress; blocks. PRT_NOMEM,
+ * PRT_CANCELLED.
+ */
+int prt_scene_blocked(const struct prt_context *ctx, const struct prt_scene *scene,
+                      int8_t (*out)[PRT_MESH_BLOCKED]);
+
 enum { PRT_PACKET = 16 };
 /* Up to 16 rays as arrays [mm]. Directions need not be unit vectors; t counts their lengths. A
  * function's mask selects the lanes; the others may hold anything. */

@@ -401,7 +401,7 @@ struct asking {
     struct bench_env *env;
     const struct prt_transport *transport;
     struct prt_query query;
-    struct prt_material material;
+    struct prt_material material, media[3]; // media: of a model of three
     float *planes;
     unsigned turn;
 };
@@ -410,12 +410,24 @@ static int ask(void *arg)
 {
     struct asking *a = arg;
     unsigned n_plane;
-    a->material.sigma_a[1] = 0.03f + 0.001f * (float)(++a->turn % 16);
+    // another medium each time: fits of the last 64 are kept
+    a->material.sigma_a[1] = 0.03f + 1e-5f * (float)(++a->turn % 4096);
+    a->media[0] = a->material;
     return prt_answer_planes(&a->env->ctx, a->transport, &a->query, &n_plane, a->planes);
 }
 
-static int answer_figure(struct bench_env *env, const struct prt_transport *t)
+// Whether the objects can have three media: one eta, and three objects or more.
+static bool has_room_for_media(const struct prt_transport *t)
 {
+    double eta[PRT_MEDIA_MAX];
+    return t->mesh.n_object >= 3 && t->mesh.n_object <= 255 &&
+           prt_media_etas(&t->media, eta) == 1;
+}
+
+// An edit of the medium of all objects; of_three: of one of three media, by objects in turn.
+static int answer_figure(struct bench_env *env, const struct prt_transport *t, bool of_three)
+{
+    uint8_t of_object[255];
     struct asking a = {.env = env, .transport = t, .material = some_material(1)};
     struct prt_cube cube = {0};
     struct prt_contracted_light *lit = NULL;
@@ -423,6 +435,12 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
     unsigned n_plane = 0;
     a.material.eta = t->media.medium->eta;
     a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .media = prt_media_one(&a.material)};
+    for (uint32_t k = 0; k < 255; k++) of_object[k] = (uint8_t)(k % 3);
+    for (int k = 0; k < 3; k++) {
+        a.media[k] = a.material;
+        a.media[k].sigma_a[0] += 0.01f * (float)k;
+    }
+    if (of_three) a.query.media = (struct prt_media){3, a.media, of_object};
     int status = bench_cube(t->cube ? t->cube : 32, env->seed, &cube);
     if (!status) status = prt_contracted_light_create(&env->ctx, t, &cube, &lit);
     a.query.lit = lit;
@@ -432,7 +450,7 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
         status = a.planes ? bench_measure(env, ask, &a, &time) : PRT_NOMEM;
     }
     if (!status) {
-        bench_begin(env, "edit_file_answer");
+        bench_begin(env, of_three ? "edit_file_answer_of_three_media" : "edit_file_answer");
         bench_number("vertices", t->mesh.n_vertex);
         bench_number("planes", n_plane);
         bench_number("MB_of_contracted_light", 1e-6 * (double)prt_contracted_light_bytes(lit));
@@ -514,7 +532,9 @@ static int edit_file(struct bench_env *env)
     status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(f);
-    if (t->engine != PRT_TRANSPORT_WAVELET) status = answer_figure(env, t);
+    if (t->engine != PRT_TRANSPORT_WAVELET) status = answer_figure(env, t, false);
+    if (!status && t->engine != PRT_TRANSPORT_WAVELET && has_room_for_media(t))
+        status = answer_figure(env, t, true);
     prt_file_close(f);
     return status;
 }

@@ -14,6 +14,8 @@ import {
   GoawaySchema,
   HelloAnswerSchema,
   HelloRequestSchema,
+  PingAnswerSchema,
+  PingRequestSchema,
   type HelloAnswer,
 } from "../gen/relight_pb";
 import { DisconnectedError, RelightError } from "./errors";
@@ -234,7 +236,7 @@ export class Client {
 
   // Keeps the connection: the daemon closes one without frames after --idle.
   private notifyPing(): void {
-    this.request(Type.Ping, HelloRequestSchema, {}, HelloRequestSchema).catch(() => undefined);
+    this.request(Type.Ping, PingRequestSchema, {}, PingAnswerSchema).catch(() => undefined);
   }
 
   private lost(socket: WebSocket): void {

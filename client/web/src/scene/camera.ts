@@ -24,8 +24,8 @@ export interface Placed {
 }
 
 const DEGREE = Math.PI / 180;
-// Share of the sphere round the model that fills the picture; few models fill their sphere.
-const FIT = 1;
+// Share of the sphere round the box that fills the picture; models stay inside it.
+const FIT = 0.86;
 export const FOVY = 36;
 
 interface View {

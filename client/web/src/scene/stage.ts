@@ -414,10 +414,11 @@ export class Stage {
     renderer.setRenderTarget(null);
   }
 
-  /** Linear radiance of the picture as it is now, float RGBA, bottom row first; for tests and for
-   * differences. */
-  readLinear(width: number, height: number): Float32Array {
-    const target = new WebGLRenderTarget(width, height, {
+  /** Linear radiance of the picture as it is now, float RGBA, bottom row first, each pixel the mean
+   * of fine x fine points; for tests and for differences. */
+  readLinear(width: number, height: number, fine = 3): Float32Array {
+    const [w, h] = [width * fine, height * fine];
+    const target = new WebGLRenderTarget(w, h, {
       type: FloatType,
       colorSpace: LinearSRGBColorSpace,
     });
@@ -426,9 +427,16 @@ export class Stage {
     this.value("curve", LINEAR);
     this.drawInto(target);
     this.value("curve", curve);
-    const out = new Float32Array(width * height * 4);
-    this.renderer.readRenderTargetPixels(target, 0, 0, width, height, out);
+    const points = new Float32Array(w * h * 4);
+    this.renderer.readRenderTargetPixels(target, 0, 0, w, h, points);
     target.dispose();
+    const out = new Float32Array(width * height * 4);
+    for (let i = 0; i < points.length; i++) {
+      const x = Math.floor(i / 4) % w;
+      const y = Math.floor(i / 4 / w);
+      const to = 4 * (Math.floor(y / fine) * width + Math.floor(x / fine)) + (i % 4);
+      out[to] = (out[to] ?? 0) + (points[i] ?? 0) / (fine * fine);
+    }
     return out;
   }
 

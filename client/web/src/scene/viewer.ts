@@ -8,6 +8,8 @@ import {
   CancelJobRequestSchema,
   ColorFormat,
   Engine,
+  FactorsAnswerSchema,
+  FactorsRequestSchema,
   GeometryAnswerSchema,
   GeometryRequestSchema,
   ImageAnswerSchema,
@@ -19,12 +21,15 @@ import {
   ModelState,
   ProgressSchema,
   WatchRequestSchema,
+  type ColorsAnswer,
   type Cost,
   type ModelInfo,
+  type Outgoing,
   type Progress,
   type ViewFrame,
 } from "../gen/relight_pb";
 import type { Client } from "../protocol/client";
+import { RelightError } from "../protocol/errors";
 import { Type, words } from "../protocol/frame";
 import { meanTransmittance, surfaceOf } from "../state/material";
 import { TONES, type SceneState } from "../state/scene-state";
@@ -32,6 +37,7 @@ import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera"
 import { meshOf, type Mesh } from "./geometry";
 import { LightView, type ViewChange, type ViewInit } from "./light-view";
 import { lampsOf, lightMessages, onlyTurned } from "./lights";
+import type { Factors } from "./factors";
 import type { Stage } from "./stage";
 
 export interface Status {
@@ -94,12 +100,15 @@ export class Viewer {
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
   private mesh: Mesh | null = null;
+  private factors: Factors | null = null; // null: colours come as they are
   private frame: Frame | null = null;
   private view: LightView | null = null;
   private watch = 0n;
   private opening = 0; // grows with every opening: answers of an older one are dropped
   private status: Status = NO_STATUS;
   private pictureFrame = 0n;
+  private sentFormat = ColorFormat.COLOR_RGB9E5;
+  private outgoing: Outgoing | null = null; // of coefficients
   private readonly noWebGL: boolean;
 
   constructor(
@@ -150,11 +159,12 @@ export class Viewer {
     if (!stage) return;
     const { eta, roughness } = surfaceOf(state.material || this.info?.material || "{}");
     const total = state.term === "total";
+    const { outgoing } = this;
     stage.setMedium({
       eta,
       roughness,
-      divisor: total ? meanTransmittance(eta) : 1,
-      viewSlope: 0,
+      divisor: outgoing?.divisor || (total ? meanTransmittance(eta) : 1),
+      viewSlope: outgoing?.viewSlope ?? 0,
       transmission: total,
       reflection: total,
     });
@@ -213,7 +223,7 @@ export class Viewer {
       const baked =
         (info.state === ModelState.MODEL_READY || info.state === ModelState.MODEL_UNLOADED) &&
         !info.stale;
-      if (!this.frame || this.mesh?.generation !== info.generation) this.frameBox(info);
+      this.frameBox(info);
       if (this.stage && baked) await this.openMesh(info, current);
       else await this.openView(info, false, current);
       if (current()) this.follow(info);
@@ -249,10 +259,11 @@ export class Viewer {
     if (!stage) return;
     const mesh = known && this.mesh ? this.mesh : await this.fetchMesh(info, current);
     if (!mesh || !current()) return;
-    this.frame = mesh.frame;
+    this.frame ??= mesh.frame;
     this.mesh = mesh;
     this.meshOf = info.model;
     await this.openView(info, true, current);
+    if (!known && current()) void this.fetchFactors(info, current);
   }
   private meshOf = "";
 
@@ -279,8 +290,42 @@ export class Viewer {
       images.set(index, Stage.image(texels.payload, image.width, image.height));
     }
     if (!current()) return null;
+    this.factors?.dispose();
+    this.factors = null;
     this.stage?.setMesh(mesh, (index) => images.get(index) ?? null);
     return mesh;
+  }
+
+  // Colours come at once; when the factors are there the view goes over to coefficients. A
+  // model without factored transport stays with colours.
+  private async fetchFactors(info: ModelInfo, current: () => boolean): Promise<void> {
+    if (!this.coefficients || !this.client.has("coefficients")) return;
+    try {
+      const { message, payload } = await this.client.request(
+        Type.Factors,
+        FactorsRequestSchema,
+        { model: info.model },
+        FactorsAnswerSchema,
+      );
+      if (!current()) return;
+      const { Factors } = await import("./factors");
+      this.factors = new Factors(message, payload);
+      this.view?.set(() => this.change());
+    } catch (error) {
+      if (!(error instanceof RelightError)) this.events.fault(error as Error);
+    }
+  }
+
+  /** Colours or coefficients, for a comparison; coefficients where the daemon has them. */
+  coefficients = true;
+  useCoefficients(on: boolean): void {
+    this.coefficients = on;
+    this.view?.set(() => this.change());
+  }
+
+  private format(state: SceneState): ColorFormat {
+    const factored = this.factors && this.coefficients && state.term !== "irradiance";
+    return factored ? ColorFormat.COLOR_COEFFICIENTS : ColorFormat.COLOR_RGB9E5;
   }
 
   private async openView(
@@ -295,10 +340,11 @@ export class Viewer {
     const first: ViewInit = {
       lights,
       shade: this.shade(state),
-      options: { colorFormat: ColorFormat.COLOR_RGB9E5, window: 2, maxFps: 60 },
+      options: { colorFormat: this.format(state), window: 2, maxFps: 60 },
       ...(colors ? {} : { picture: this.picture(state) }),
     };
     this.sent = state;
+    this.sentFormat = this.format(state);
     const why = colors
       ? ""
       : this.noWebGL
@@ -377,7 +423,15 @@ export class Viewer {
       out.picture = this.picture(state);
       fields.push("picture");
     }
+    const format = this.format(state);
+    if (this.status.mode !== "pictures" && format !== this.sentFormat) {
+      out.options = { colorFormat: format };
+      fields.push("options.color_format");
+      this.sentFormat = format;
+    }
     this.sent = state;
+    if (!fields.length) fields.push("shade.term"); // as it is: the daemon answers with a frame
+    if (fields.includes("shade.term")) out.shade = this.shade(state);
     return payload ? { state: out, fields, payload } : { state: out, fields };
   }
 
@@ -390,8 +444,12 @@ export class Viewer {
   ): void {
     const cost = frame.colors?.cost ?? frame.image?.cost;
     if (frame.colors && this.stage) {
-      this.stage.setColors(words(payload, 0, frame.colors.nVertex));
-      this.pictureCanvas.hidden = true;
+      this.drawColors(frame.colors, payload);
+      // The picture goes when the mesh has been drawn, so that nothing flickers between them.
+      this.stage.onDrawn = () => {
+        this.pictureCanvas.hidden = true;
+        if (this.stage) this.stage.onDrawn = null;
+      };
     }
     if (frame.image) void this.drawPicture(frame, payload);
     this.events.fine();
@@ -400,10 +458,29 @@ export class Viewer {
       ...costOf(cost),
       mode: colors ? "mesh" : "pictures",
       why,
-      stream: colors ? "colours, RGB9E5" : "pictures, JPEG",
+      stream: !colors ? "pictures, JPEG" : this.outgoing ? "coefficients" : "colours, RGB9E5",
       latencyMs,
       frames: this.status.frames + 1,
     });
+  }
+
+  private drawColors(colors: ColorsAnswer, payload: Uint8Array): void {
+    const { stage, factors, state } = this;
+    const light = colors.coefficients;
+    if (!stage || !state) return;
+    this.outgoing = light?.outgoing[0] ?? null;
+    if (!light) stage.setColors(words(payload, 0, colors.nVertex));
+    else if (factors && light.factors === factors.hash) {
+      const { nPlane, planeBytes } = colors;
+      stage.beforeNext(() =>
+        factors.multiply(stage.renderer, light, payload, nPlane, Number(planeBytes)),
+      );
+      stage.setColorTextures(factors.textures.multiple, factors.textures.single);
+    } else {
+      this.meshOf = ""; // another bake: its mesh and factors are fetched
+      void this.open();
+    }
+    this.applyLook(state);
   }
 
   private async drawPicture(frame: ViewFrame, payload: Uint8Array): Promise<void> {

@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: MIT
+// Coefficients into vertex colours on the GPU (PROTOCOL, FACTORS): one fragment a vertex sums the
+// rows of its cluster into a texture that the surface's vertex shader reads.
+import {
+  BufferAttribute,
+  BufferGeometry,
+  Camera,
+  CustomBlending,
+  DataTexture,
+  GLSL3,
+  HalfFloatType,
+  Mesh as ThreeMesh,
+  NearestFilter,
+  OneFactor,
+  RawShaderMaterial,
+  RGBAFormat,
+  RGBAIntegerFormat,
+  RGIntegerFormat,
+  Scene,
+  ShortType,
+  UnsignedIntType,
+  WebGLRenderTarget,
+  type PixelFormat,
+  type PixelFormatGPU,
+  type Texture,
+  type TextureDataType,
+  type WebGLRenderer,
+} from "three";
+import { Term, type Coefficients, type FactorsAnswer } from "../gen/relight_pb";
+import { halves, shorts, words } from "../protocol/frame";
+import { FACTOR_WIDTH, factorFragment, factorVertex, ROW_WIDTH, VERTEX_WIDTH } from "./shaders";
+
+const U_SCALE = 2 ** -20;
+
+interface Tensor {
+  term: Term;
+  factors: DataTexture;
+  places: DataTexture;
+}
+
+function texture(
+  data: Int16Array | Uint32Array | Uint16Array,
+  width: number,
+  format: PixelFormat,
+  type: TextureDataType,
+  internalFormat: PixelFormatGPU,
+  perTexel: number,
+): DataTexture {
+  const height = Math.max(1, Math.ceil(data.length / perTexel / width));
+  const all = new (data.constructor as new (n: number) => typeof data)(
+    width * height * perTexel,
+  );
+  all.set(data);
+  const made = new DataTexture(
+    all as unknown as Uint8Array<ArrayBuffer>,
+    width,
+    height,
+    format,
+    type,
+  );
+  made.internalFormat = internalFormat;
+  made.minFilter = made.magFilter = NearestFilter;
+  made.unpackAlignment = 1;
+  made.needsUpdate = true;
+  return made;
+}
+
+/** Where each vertex finds its factors: first texel, texels between two pairs of columns, rank,
+ * first row. [n_vertex][4] */
+export function placesOf(
+  clusters: Uint32Array,
+  order: Uint32Array,
+  nVertex: number,
+): { places: Uint32Array; texels: number } {
+  const places = new Uint32Array(4 * nVertex);
+  let position = 0;
+  let texel = 0;
+  let row = 0;
+  for (let c = 0; c < clusters.length / 2; c++) {
+    const n = clusters[2 * c] ?? 0;
+    const rank = clusters[2 * c + 1] ?? 0;
+    const stride = 16 * Math.ceil(n / 16);
+    for (let p = 0; p < n; p++) {
+      const vertex = order[position + p] ?? 0;
+      if (vertex < nVertex) places.set([texel + p, stride, rank, row], 4 * vertex);
+    }
+    position += n;
+    texel += Math.ceil(rank / 2) * stride;
+    row += rank;
+  }
+  return { places, texels: texel };
+}
+
+export class Factors {
+  readonly hash: bigint;
+  private readonly tensors: Tensor[];
+  private readonly multiple: WebGLRenderTarget;
+  private readonly single: WebGLRenderTarget;
+  private readonly scene = new Scene();
+  private readonly camera = new Camera();
+  private readonly material: RawShaderMaterial;
+  private rows: DataTexture | null = null;
+
+  /** Throws where the sections contradict each other. */
+  constructor(answer: FactorsAnswer, payload: Uint8Array) {
+    this.hash = answer.factors;
+    const n = answer.nVertex;
+    this.tensors = answer.tensors.map((tensor) => {
+      const clusters = words(payload, Number(tensor.clustersOffset), 2 * tensor.nCluster);
+      const order = words(payload, Number(tensor.orderOffset), n);
+      const { places, texels } = placesOf(clusters, order, n);
+      if (texels * 4 !== Number(tensor.uBytes))
+        throw new Error("the clusters of FACTORS contradict its size");
+      const u = shorts(payload, Number(tensor.uOffset), 2 * texels);
+      return {
+        term: tensor.term,
+        factors: texture(u, FACTOR_WIDTH, RGIntegerFormat, ShortType, "RG16I", 2),
+        places: texture(
+          places,
+          VERTEX_WIDTH,
+          RGBAIntegerFormat,
+          UnsignedIntType,
+          "RGBA32UI",
+          4,
+        ),
+      };
+    });
+    const height = Math.max(1, Math.ceil(n / VERTEX_WIDTH));
+    const target = () =>
+      new WebGLRenderTarget(VERTEX_WIDTH, height, {
+        type: HalfFloatType,
+        minFilter: NearestFilter,
+        magFilter: NearestFilter,
+        depthBuffer: false,
+      });
+    this.multiple = target();
+    this.single = target();
+    this.material = new RawShaderMaterial({
+      glslVersion: GLSL3,
+      vertexShader: factorVertex,
+      fragmentShader: factorFragment,
+      defines: { FACTOR_WIDTH: `${FACTOR_WIDTH}u`, ROW_WIDTH: `${ROW_WIDTH}u` },
+      depthTest: false,
+      depthWrite: false,
+      transparent: true,
+      blending: CustomBlending,
+      blendSrc: OneFactor,
+      blendDst: OneFactor,
+      uniforms: {
+        factors: { value: null },
+        places: { value: null },
+        rows: { value: null },
+        scale: { value: 1 },
+      },
+    });
+    const triangle = new BufferGeometry();
+    const corners = new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]);
+    triangle.setAttribute("position", new BufferAttribute(corners, 3));
+    const all = new ThreeMesh(triangle, this.material);
+    all.frustumCulled = false;
+    this.scene.add(all);
+  }
+
+  get textures(): { multiple: Texture; single: Texture } {
+    return { multiple: this.multiple.texture, single: this.single.texture };
+  }
+
+  /** The values of all vertices under a light; n_plane planes are summed. */
+  multiply(
+    renderer: WebGLRenderer,
+    light: Coefficients,
+    payload: Uint8Array,
+    nPlane: number,
+    planeBytes: number,
+  ): void {
+    for (const target of [this.multiple, this.single]) {
+      renderer.setRenderTarget(target);
+      renderer.setClearColor(0, 0);
+      renderer.clear();
+    }
+    for (let plane = 0; plane < nPlane; plane++)
+      for (const layer of light.layers) {
+        const tensor = this.tensors[layer.tensor];
+        if (!tensor) continue;
+        const at = plane * planeBytes + Number(layer.offset);
+        this.fillRows(
+          halves(payload, at, 3 * layer.nRow * layer.nPhase),
+          layer.nRow,
+          layer.nPhase,
+        );
+        const u = this.material.uniforms;
+        if (u.factors) u.factors.value = tensor.factors;
+        if (u.places) u.places.value = tensor.places;
+        if (u.rows) u.rows.value = this.rows;
+        if (u.scale) u.scale.value = (layer.scales[plane] ?? 1) * U_SCALE;
+        renderer.setRenderTarget(tensor.term === Term.SINGLE ? this.single : this.multiple);
+        renderer.render(this.scene, this.camera);
+      }
+    renderer.setRenderTarget(null);
+    renderer.setClearColor(0, 1);
+  }
+
+  // The first phase of each row, as texels of four halves.
+  private fillRows(from: Uint16Array, nRow: number, nPhase: number): void {
+    const height = Math.max(1, Math.ceil(nRow / ROW_WIDTH));
+    if (!this.rows || this.rows.image.height < height) {
+      this.rows?.dispose();
+      this.rows = texture(
+        new Uint16Array(ROW_WIDTH * height * 4),
+        ROW_WIDTH,
+        RGBAFormat,
+        HalfFloatType,
+        "RGBA16F",
+        4,
+      );
+    }
+    const to = this.rows.image.data as unknown as Uint16Array;
+    for (let row = 0; row < nRow; row++)
+      for (let c = 0; c < 3; c++) to[4 * row + c] = from[3 * row * nPhase + c] ?? 0;
+    this.rows.needsUpdate = true;
+  }
+
+  dispose(): void {
+    for (const tensor of this.tensors) {
+      tensor.factors.dispose();
+      tensor.places.dispose();
+    }
+    this.rows?.dispose();
+    this.multiple.dispose();
+    this.single.dispose();
+    this.material.dispose();
+  }
+}

@@ -1,0 +1,490 @@
+// SPDX-License-Identifier: MIT
+// The real page in Debian's Chromium against a real relightd: one scenario after another, each
+// with its own assertions. Arguments: the folder of the programs, the folder of client/web, and
+// optionally a folder for screenshots. Exits with 77 where there is no Chromium.
+import { spawn, spawnSync } from "node:child_process";
+import {
+  existsSync,
+  mkdirSync,
+  mkdtempSync,
+  readFileSync,
+  rmSync,
+  writeFileSync,
+} from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import assert from "node:assert/strict";
+
+const [bin, web, shots] = process.argv.slice(2);
+const require = createRequire(join(web, "package.json"));
+const { chromium } = require("playwright-core");
+const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+
+const browserPath = ["chromium-headless-shell", "chromium"]
+  .map((name) => `/usr/bin/${name}`)
+  .find(existsSync);
+if (!browserPath) {
+  console.log("SKIPPED: no chromium here (deploy/dependencies --tests)");
+  process.exit(77);
+}
+const folder = mkdtempSync(join(tmpdir(), "relight-browser-"));
+const PATIENCE = { timeout: 240_000 }; // how long a busy machine may take; nothing fails by speed
+
+// ---- a model, a daemon
+
+// A sphere with bumps of 642 vertices: small enough to bake in seconds, with shadowed valleys.
+function bumpySphere() {
+  const n = 24;
+  const lines = [];
+  for (let i = 0; i <= n; i++)
+    for (let k = 0; k <= n; k++) {
+      const a = (Math.PI * i) / n;
+      const b = (2 * Math.PI * k) / n;
+      const r = 1 + 0.22 * Math.sin(3 * b) * Math.sin(a) ** 3 + 0.12 * Math.cos(4 * a);
+      lines.push(
+        `v ${r * Math.sin(a) * Math.cos(b)} ${r * Math.cos(a)} ${-r * Math.sin(a) * Math.sin(b)}`,
+      );
+    }
+  for (let i = 0; i < n; i++)
+    for (let k = 0; k < n; k++) {
+      const at = i * (n + 1) + k + 1;
+      lines.push(`f ${at} ${at + n + 1} ${at + n + 2}`, `f ${at} ${at + n + 2} ${at + 1}`);
+    }
+  return `${lines.join("\n")}\n`;
+}
+
+function bake() {
+  mkdirSync(join(folder, "models"));
+  writeFileSync(join(folder, "bumps.obj"), bumpySphere());
+  const common = ["--size-mm", "20", "--cube", "16", "--samples", "6000"];
+  for (const [name, extra] of [
+    ["marble", ["--material", "marble"]],
+    ["open", []],
+  ]) {
+    const out = join(folder, "models", `${name}.prt`);
+    const done = spawnSync(join(bin, "prt"), [
+      "bake",
+      join(folder, "bumps.obj"),
+      ...common,
+      ...extra,
+      "-o",
+      out,
+    ]);
+    assert.equal(done.status, 0, String(done.stderr));
+  }
+}
+
+// Bakes that the daemon orders are as small as those above.
+function smallBaker() {
+  const path = join(folder, "prt");
+  const more = "--samples 6000 --cube 16";
+  const lines = [
+    "#!/bin/sh",
+    `[ "$1" != bake ] || set -- "$@" ${more}`,
+    `exec "${join(bin, "prt")}" "$@"`,
+  ];
+  writeFileSync(path, `${lines.join("\n")}\n`, { mode: 0o755 });
+  return path;
+}
+
+let daemon = null;
+// On a free port at first, on the same one after a restart.
+async function start(port = 0, options = []) {
+  const log = [];
+  daemon = spawn(
+    join(bin, "relightd"),
+    [
+      "--models",
+      join(folder, "models"),
+      "--data",
+      join(folder, "data"),
+      "--prt",
+      smallBaker(),
+      "--page",
+      join(bin, "../share/relight/page"),
+    ]
+      .concat(["--http", `127.0.0.1:${port}`, "--listen", `unix:${join(folder, "socket")}`])
+      .concat(options),
+    { stdio: ["ignore", "ignore", "pipe"] },
+  );
+  return new Promise((resolve, reject) => {
+    daemon.stderr.on("data", (text) => {
+      log.push(String(text));
+      const found = /listen address=http:127\.0\.0\.1:(\d+)/.exec(log.join(""));
+      if (found) resolve(Number(found[1]));
+    });
+    daemon.on("exit", (status) =>
+      reject(new Error(`relightd ended with ${status}: ${log.join("")}`)),
+    );
+  });
+}
+async function stop() {
+  const old = daemon;
+  daemon = null;
+  if (!old) return;
+  const ended = new Promise((resolve) => old.on("exit", resolve));
+  old.kill("SIGTERM");
+  await ended;
+}
+
+// ---- the browser
+
+let browser;
+const faults = [];
+async function open(url, options = {}) {
+  const context = await browser.newContext({
+    viewport: { width: 640, height: 420 },
+    ...options,
+  });
+  const page = await context.newPage();
+  page.on("pageerror", (error) => faults.push(`${url}: ${error.message}`));
+  page.on("console", (message) => {
+    // A lost or refused connection is reported by the browser itself.
+    if (
+      message.type() === "error" &&
+      !/WebSocket|ERR_|Failed to load resource/.test(message.text())
+    )
+      faults.push(`${url}: ${message.text()}`);
+  });
+  await page.goto(url);
+  return page;
+}
+const mode = (page, wanted) =>
+  page.waitForFunction(
+    (one) => globalThis.relightViewer?.status.mode === one,
+    wanted,
+    PATIENCE,
+  );
+const coefficients = async (page) => {
+  await page.waitForFunction(
+    () => globalThis.relightViewer.status.stream === "coefficients",
+    null,
+    PATIENCE,
+  );
+  await settled(page);
+};
+// The newest state was drawn: the view waits for no frame, the lamps are applied, the GPU is idle.
+async function settled(page) {
+  await page.waitForFunction(
+    () => {
+      const v = globalThis.relightViewer;
+      return v.view && !v.view.waits && !v.view.next && v.lit && (!v.stage || v.stage.idle);
+    },
+    null,
+    PATIENCE,
+  );
+  await page.waitForTimeout(100);
+}
+const linear = (page, width = 160, height = 120) =>
+  page.evaluate(
+    ([w, h]) => Array.from(globalThis.relightViewer.stage.readLinear(w, h)),
+    [width, height],
+  );
+function difference(a, b) {
+  let sum = 0;
+  let power = 0;
+  for (let i = 0; i < a.length; i++) {
+    if (i % 4 === 3) continue;
+    sum += (a[i] - b[i]) ** 2;
+    power += b[i] ** 2;
+  }
+  return Math.sqrt(sum / power);
+}
+async function shot(page, name) {
+  if (shots) await page.screenshot({ path: join(shots, `${name}.png`) });
+}
+async function drag(page, from, by, key) {
+  if (key) await page.keyboard.down(key);
+  await page.mouse.move(...from);
+  await page.mouse.down();
+  await page.mouse.move(from[0] + by[0] / 2, from[1] + by[1] / 2);
+  await page.mouse.move(from[0] + by[0], from[1] + by[1]);
+  await page.mouse.up();
+  if (key) await page.keyboard.up(key);
+}
+
+// Relative RMSE in linear light between what the page draws and the daemon's picture of the same
+// state, without pixels near an edge of the shape, where the two sample coverage differently.
+const againstDaemon = (page) =>
+  page.evaluate(async () => {
+    const v = globalThis.relightViewer;
+    const [w, h] = [v.canvas.clientWidth, v.canvas.clientHeight];
+    const drawn = v.stage.readLinear(w, h);
+    const still = await v.still(5 /* IMAGE_F16 */, { width: w, height: h });
+    const bits = new Uint16Array(still.bytes.slice().buffer);
+    const half = (x) => {
+      const e = (x >> 10) & 31;
+      const m = x & 1023;
+      return (x >> 15 ? -1 : 1) * (e ? 2 ** (e - 15) * (1 + m / 1024) : m * 2 ** -24);
+    };
+    const at = (x, y, c) => half(bits[3 * (y * w + x) + c]);
+    const mine = (x, y, c) => drawn[4 * ((h - 1 - y) * w + x) + c];
+    const plain = [0, 1, 2].map((c) => at(0, 0, c));
+    const inside = (x, y) =>
+      [0, 1, 2].some((c) => Math.abs(at(x, y, c) - plain[c]) > 0.004 + 0.01 * plain[c]);
+    let sum = 0;
+    let power = 0;
+    let n = 0;
+    for (let y = 2; y < h - 2; y++)
+      for (let x = 2; x < w - 2; x++) {
+        let whole = true;
+        for (let b = -2; b <= 2 && whole; b++)
+          for (let a = -2; a <= 2 && whole; a++) whole = inside(x + a, y + b);
+        if (!whole) continue;
+        n++;
+        for (let c = 0; c < 3; c++) {
+          sum += (mine(x, y, c) - at(x, y, c)) ** 2;
+          power += at(x, y, c) ** 2;
+        }
+      }
+    return { rmse: Math.sqrt(sum / power), pixels: n };
+  });
+
+// ---- scenarios
+
+const scenarios = {
+  async "a model is shown, and its picture is that of the daemon"(home) {
+    const page = await open(`${home}/#model=marble.prt&light=page:window@40,0`);
+    await mode(page, "mesh");
+    await settled(page);
+    await coefficients(page);
+    const { rmse, pixels } = await againstDaemon(page);
+    console.log(
+      `  against the daemon's picture: ${(100 * rmse).toFixed(2)} % of ${pixels} pixels`,
+    );
+    assert.ok(pixels > 5000);
+    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+    await shot(page, "model");
+    await page.context().close();
+  },
+
+  async "colours and coefficients give the same picture of multiple scattering"(home) {
+    const page = await open(`${home}/#model=marble.prt&light=page:window@40,0&term=multiple`);
+    await mode(page, "mesh");
+    await coefficients(page);
+    const one = await linear(page);
+    await page.evaluate(() => globalThis.relightViewer.useCoefficients(false));
+    await page.waitForFunction(
+      () => globalThis.relightViewer.status.stream.startsWith("colours"),
+      null,
+      PATIENCE,
+    );
+    await settled(page);
+    const both = difference(await linear(page), one);
+    console.log(`  colours against coefficients: ${(100 * both).toFixed(3)} %`);
+    assert.ok(both < 0.002, `relative RMSE ${both}`);
+    await page.context().close();
+  },
+
+  async "hands turn the model and the light; the link holds the picture"(home) {
+    const page = await open(`${home}/#model=marble.prt&light=page:rim@0,0`);
+    await mode(page, "mesh");
+    await settled(page);
+    await coefficients(page);
+    const first = await linear(page);
+    await drag(page, [150, 200], [60, 0]);
+    await settled(page);
+    const orbited = await linear(page);
+    assert.ok(difference(first, orbited) > 0.05);
+    const frames = await page.evaluate(() => globalThis.relightViewer.status.frames);
+    await drag(page, [150, 200], [90, 0], "Shift");
+    await page.waitForFunction(
+      (n) => globalThis.relightViewer.status.frames > n,
+      frames,
+      PATIENCE,
+    );
+    await settled(page);
+    const relit = await linear(page);
+    assert.ok(difference(orbited, relit) > 0.05);
+    await page.focus(".stage");
+    await page.keyboard.press("ArrowRight");
+    await settled(page);
+    assert.ok(difference(relit, await linear(page)) > 0.005);
+    const link = page.url();
+    assert.match(link, /light=page:rim@40\.5,0/);
+    const now = await linear(page);
+    const other = await open(link);
+    await mode(other, "mesh");
+    await coefficients(other);
+    assert.ok(difference(now, await linear(other)) < 1e-3);
+    await page.goBack();
+    await settled(page);
+    assert.ok(difference(relit, await linear(page)) < 1e-3);
+    await other.context().close();
+    await page.context().close();
+  },
+
+  async "a medium is edited, and undone"(home) {
+    const page = await open(`${home}/#model=open.prt`);
+    await mode(page, "mesh");
+    await coefficients(page);
+    const before = await linear(page);
+    await page.getByRole("tab", { name: "Material" }).click();
+    await page.getByRole("radio", { name: "Ketchup" }).click();
+    await settled(page);
+    assert.ok(difference(before, await linear(page)) > 0.1);
+    assert.match(page.url(), /material=ketchup/);
+    await shot(page, "material");
+    await page.keyboard.press("Control+z");
+    await settled(page);
+    assert.ok(difference(before, await linear(page)) < 1e-3);
+    await page.context().close();
+  },
+
+  async "a file is seen at once, baked, and swapped in"(home) {
+    const page = await open(`${home}/`);
+    await mode(page, "mesh");
+    await page.getByRole("button", { name: /prt/ }).click();
+    await page.locator(".bring input[type=file]").setInputFiles(join(folder, "bumps.obj"));
+    await mode(page, "pictures");
+    await shot(page, "baking");
+    await mode(page, "mesh");
+    await settled(page);
+    assert.equal(await page.locator("canvas.picture").isVisible(), false);
+    await page.context().close();
+  },
+
+  async "the daemon goes and comes back; the page loses nothing"(home, port) {
+    const page = await open(`${home}/#model=marble.prt&light=page:rim@120,0&orbit=40,10,1`);
+    await mode(page, "mesh");
+    await coefficients(page);
+    const before = await linear(page);
+    await stop();
+    await page.getByText("Offline").waitFor(PATIENCE);
+    await shot(page, "offline");
+    await start(port);
+    await page.getByText("Offline").waitFor({ state: "hidden", ...PATIENCE });
+    await coefficients(page);
+    assert.ok(difference(before, await linear(page)) < 1e-3);
+    await page.context().close();
+  },
+
+  async "without WebGL the daemon draws"(home) {
+    const page = await open(`${home}/?no-webgl=1#model=marble.prt`);
+    await mode(page, "pictures");
+    await page.getByText("no WebGL 2").waitFor(PATIENCE);
+    await page.waitForFunction(
+      () => !document.querySelector("canvas.picture").hidden,
+      null,
+      PATIENCE,
+    );
+    const picture = () =>
+      page.evaluate(() => document.querySelector("canvas.picture").toDataURL());
+    const before = await picture();
+    await drag(page, [150, 200], [80, 0]);
+    await page.waitForFunction(
+      (old) => document.querySelector("canvas.picture").toDataURL() !== old,
+      before,
+      PATIENCE,
+    );
+    await shot(page, "no-webgl");
+    await page.context().close();
+  },
+
+  async "a phone, in light colours; nothing serious for axe"(home) {
+    for (const [name, options] of [
+      [
+        "phone",
+        { viewport: { width: 360, height: 640 }, colorScheme: "light", hasTouch: true },
+      ],
+      ["desk", { viewport: { width: 1280, height: 800 }, colorScheme: "dark" }],
+    ]) {
+      const page = await open(`${home}/#model=open.prt`, options);
+      await mode(page, "mesh");
+      await settled(page);
+      assert.equal(
+        await page.evaluate(() => document.documentElement.scrollWidth),
+        options.viewport.width,
+      );
+      const stage = await page.locator(".stage").boundingBox();
+      assert.ok(stage.width >= 300 && stage.height >= 240);
+      for (const tab of ["Light", "Material", "View"]) {
+        await page.getByRole("tab", { name: tab }).click();
+        await shot(page, `${name}-${tab.toLowerCase()}`);
+        const found = await page.evaluate(`${axe}; axe.run(document)`);
+        const serious = found.violations.filter(
+          ({ impact }) => impact === "serious" || impact === "critical",
+        );
+        assert.deepEqual(
+          serious.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html).join(" ")}`),
+          [],
+        );
+      }
+      assert.match(
+        await page.locator("#stage-text").textContent(),
+        /open\.prt.*lit by Soft boxes/,
+      );
+      await page.context().close();
+    }
+  },
+
+  // Last: a token closes the daemon for the others.
+  async "a token is wanted, and rights are respected"(home, port) {
+    await stop();
+    writeFileSync(join(folder, "token"), `relight_${"k".repeat(43)}\n`, { mode: 0o600 });
+    await start(port, ["--token-file", join(folder, "token")]);
+    const made = spawnSync(join(bin, "relight"), [
+      ...[
+        "-s",
+        `unix:${join(folder, "socket")}`,
+        "token",
+        "create",
+        "--name",
+        "guest",
+        "--scope",
+        "view",
+      ],
+    ]);
+    assert.equal(made.status, 0, String(made.stderr));
+    const guest = /relight_\S+/.exec(String(made.stdout))[0];
+    const page = await open(`${home}/#model=marble.prt`);
+    await page.getByText("Not permitted").waitFor(PATIENCE);
+    await shot(page, "token");
+    await page.getByLabel("Token").fill(guest);
+    await page.getByRole("button", { name: "Connect" }).click();
+    await mode(page, "mesh");
+    assert.equal(await page.getByText("HDR, EXR…").count(), 0);
+    assert.ok(!page.url().includes("relight_"));
+    const byLink = await open(`${home}/#model=marble.prt&token=${guest}`);
+    await mode(byLink, "mesh");
+    assert.ok(!byLink.url().includes("relight_"));
+  },
+};
+
+// ---- run
+
+let failed = 0;
+try {
+  bake();
+  const port = await start();
+  browser = await chromium.launch({
+    executablePath: browserPath,
+    args: [
+      "--no-sandbox",
+      "--use-gl=angle",
+      "--use-angle=swiftshader",
+      "--enable-unsafe-swiftshader",
+      "--force-color-profile=srgb",
+    ],
+  });
+  if (shots) mkdirSync(shots, { recursive: true });
+  for (const [name, run] of Object.entries(scenarios)) {
+    if (process.env.ONLY && !new RegExp(process.env.ONLY).test(name)) continue;
+    const begin = Date.now();
+    try {
+      await run(`http://127.0.0.1:${port}`, port);
+      assert.deepEqual(faults, [], "errors in the console");
+      console.log(`ok   ${name} (${((Date.now() - begin) / 1e3).toFixed(1)} s)`);
+    } catch (error) {
+      failed++;
+      faults.length = 0;
+      console.log(`FAIL ${name}\n${error.stack}`);
+    }
+  }
+} finally {
+  await browser?.close();
+  await stop().catch(() => undefined);
+  rmSync(folder, { recursive: true, force: true });
+}
+process.exit(failed ? 1 : 0);
