@@ -71,9 +71,11 @@ void prt_border_cube_finish(struct border_cube *cube)
     cube->texel = NULL;
 }
 
-static void seal_texel(struct border_cube *c, unsigned face, uint32_t x, uint32_t y)
+// The texel of another face that stands at x, y of this face's border; both as indices of
+// texels. x, y count from the border: 0 and n+1 lie outside.
+static void seal_pair(const struct border_cube *c, unsigned face, uint32_t x, uint32_t y,
+                      uint32_t pair[2])
 {
-    // x, y count from the border: 0 and n+1 lie outside
     float d[3], s, t;
     unsigned other;
     face_direction(face, 2 * ((double)x - 0.5) / c->n - 1, 2 * ((double)y - 0.5) / c->n - 1, d);
@@ -84,20 +86,62 @@ static void seal_texel(struct border_cube *c, unsigned face, uint32_t x, uint32_
     px = px < 0 ? 0 : px > last ? last : px;
     py = py < 0 ? 0 : py > last ? last : py;
     size_t m = c->n + 2;
-    memcpy(c->texel + ((face * m + y) * m + x) * 4,
-           border_texel(c, other, (uint32_t)px, (uint32_t)py), 16);
+    pair[0] = (uint32_t)((face * m + y) * m + x);
+    pair[1] = (uint32_t)((border_texel(c, other, (uint32_t)px, (uint32_t)py) - c->texel) / 4);
+}
+
+static size_t n_seal_pair(uint32_t n)
+{
+    return (size_t)6 * 4 * (n + 2);
+}
+
+static void seal_pairs(const struct border_cube *c, uint32_t (*pair)[2])
+{
+    for (unsigned face = 0; face < 6; face++)
+        for (uint32_t i = 0; i < c->n + 2; i++) {
+            seal_pair(c, face, i, 0, *pair++);
+            seal_pair(c, face, i, c->n + 1, *pair++);
+            seal_pair(c, face, 0, i, *pair++);
+            seal_pair(c, face, c->n + 1, i, *pair++);
+        }
+}
+
+// The pairs of this size, which are the same for every cube: computed once for small ones, and
+// kept. NULL: to be computed, as there is no memory or the cube is large.
+static const uint32_t (*kept_pairs(const struct border_cube *c))[2]
+{
+    enum { MOST = 64 };
+    static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+    static uint32_t(*kept[MOST + 1])[2];
+    if (c->n > MOST) return NULL;
+    pthread_mutex_lock(&lock);
+    uint32_t(*pair)[2] = kept[c->n];
+    if (!pair && (pair = prt_alloc(n_seal_pair(c->n), sizeof *pair))) {
+        seal_pairs(c, pair);
+        kept[c->n] = pair;
+    }
+    pthread_mutex_unlock(&lock);
+    return (const uint32_t(*)[2])pair;
 }
 
 void prt_border_cube_seal(struct border_cube *c)
 {
-    for (unsigned face = 0; face < 6; face++) {
-        for (uint32_t i = 0; i < c->n + 2; i++) {
-            seal_texel(c, face, i, 0);
-            seal_texel(c, face, i, c->n + 1);
-            seal_texel(c, face, 0, i);
-            seal_texel(c, face, c->n + 1, i);
+    const uint32_t(*pair)[2] = kept_pairs(c);
+    for (size_t i = 0; pair && i < n_seal_pair(c->n); i++)
+        memcpy(c->texel + 4 * (size_t)pair[i][0], c->texel + 4 * (size_t)pair[i][1], 16);
+    for (unsigned face = 0; !pair && face < 6; face++)
+        for (uint32_t i = 0; i < 4 * (c->n + 2); i++) {
+            uint32_t one[2], k = i / 4, end = c->n + 1;
+            seal_pair(c, face,
+                      i % 4 < 2    ? k
+                      : i % 4 == 2 ? 0
+                                   : end,
+                      i % 4 >= 2   ? k
+                      : i % 4 == 0 ? 0
+                                   : end,
+                      one);
+            memcpy(c->texel + 4 * (size_t)one[0], c->texel + 4 * (size_t)one[1], 16);
         }
-    }
 }
 
 void prt_border_cube_sample(const struct border_cube *c, const float dir[3], float rgb[3])

@@ -89,6 +89,7 @@ uniform float transmission;   // 1: F_t of the view over \`divisor\`; 0: none (a
 uniform float divisor;        // the factor that the colours already have
 uniform float viewSlope;      // of single scattering towards an eye (PROTOCOL, FACTORS)
 uniform float reflection;     // 1: reflections are added
+uniform float footprint;      // area of a pixel in points that are drawn
 uniform float opaque;
 uniform float split;          // share of the base colour that the bake has blurred
 uniform sampler2DArray lobes; // [6 levels][6 faces]
@@ -118,7 +119,7 @@ vec3 base() {
 void main() {
   vec3 w = normalize(eye - at), m = normalize(n);
   // The variance of normals over the pixel widens the lobe.
-  float variance = (dot(dFdx(m), dFdx(m)) + dot(dFdy(m), dFdy(m))) / 24.0;
+  float variance = footprint * (dot(dFdx(m), dFdx(m)) + dot(dFdy(m), dFdy(m))) / 24.0;
   float facing = abs(dot(normalize(cross(dFdx(at), dFdy(at))), w));
   float c = min(dot(w, m), 1.0), least = max(0.5 * facing, 1e-3), cc = max(c, least);
   // Interpolated normals that turn away from the eye are bent towards it.

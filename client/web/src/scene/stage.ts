@@ -139,6 +139,7 @@ export class Stage {
       divisor: { value: 1 },
       viewSlope: { value: 0 },
       reflection: { value: 1 },
+      footprint: { value: 1 },
       split: { value: 0 },
       lobes: { value: this.lobes },
       vertexColors: { value: null },
@@ -158,7 +159,7 @@ export class Stage {
         side: { value: 1 },
         turn: { value: new Matrix3() },
         gain: { value: new Vector3(1, 1, 1) },
-        plain: { value: new Vector3() },
+        plain: { value: new Vector3(0.018, 0.019, 0.022) },
         isPlain: { value: true },
       },
     });
@@ -425,7 +426,9 @@ export class Stage {
     const curve: unknown = this.shared.curve?.value;
     for (const pass of this.before.splice(0)) pass();
     this.value("curve", LINEAR);
+    this.value("footprint", fine * fine);
     this.drawInto(target);
+    this.value("footprint", 1);
     this.value("curve", curve);
     const points = new Float32Array(w * h * 4);
     this.renderer.readRenderTargetPixels(target, 0, 0, w, h, points);
