@@ -293,7 +293,7 @@ static int media_error(const struct prt_context *ctx, const struct prt_transport
         if (!t->n_knot || t->n_radial > 256) continue;
         if (term != PRT_ANSWER_TOTAL && single != (term == PRT_ANSWER_SINGLE)) continue;
         status = fit(ctx, transport, t, media, coef, one);
-        for (uint32_t k = 0; k < media->n && !status; k++) basis[k] = fmax(basis[k], one[k]);
+        for (uint32_t k = 0; k < media->n; k++) basis[k] = fmax(basis[k], one[k]);
     }
     for (uint32_t k = 0; k < media->n; k++) {
         if (!status && term != PRT_ANSWER_SINGLE)

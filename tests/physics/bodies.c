@@ -237,4 +237,5 @@ void split_opaque(struct prt_mesh *mesh, uint32_t vertex_begin, uint32_t triangl
                                   mesh->n_triangle - triangle_begin};
     mesh->surface = surface, mesh->n_surface = 2;
     mesh->block = block, mesh->n_block = 2, mesh->n_object = 2;
+    mesh->object = NULL; // names of one object only
 }

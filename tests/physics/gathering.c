@@ -227,7 +227,7 @@ static void kernels_integrate_the_surface(void **state)
     (void)state;
     expect_above("spacing of the samples [mm]", surface->spacing, 1.2);
     assert_int_equal(prt_clusters_create(mesh, 64, &clusters), PRT_OK);
-    struct cut_source from = {mesh, surface, hierarchy, clusters};
+    struct cut_source from = {mesh, surface, hierarchy, clusters, 1};
     for (uint32_t c = 0; c < clusters->n_cluster; c += 3) {
         const struct prt_cluster *cluster = &clusters->cluster[c];
         uint32_t n = cluster->n_vertex;

@@ -162,6 +162,9 @@ static void rows_keep_what_they_are_made_of(void **state)
                                .n = N,
                                .solid_angle = omega,
                                .probe = probe};
+    float *lights = prt_compression_lights(&plan);
+    assert_non_null(lights);
+    plan.lights = lights;
     struct prt_cluster cluster = {0, V, 0, 0, 0};
     uint32_t order[V];
     for (uint32_t v = 0; v < V; v++) order[v] = v;
@@ -189,6 +192,7 @@ static void rows_keep_what_they_are_made_of(void **state)
     prt_free(rows);
     prt_free(omega);
     prt_free(probe);
+    prt_free(lights);
 }
 
 // Law: two distances give the mean of R_d over a disc to second order (METHODS §3.1).
