@@ -13,7 +13,7 @@
 
 // ---- writing
 
-// 8-4-4-4-12 hex digits: of the room, and what is in it.
+// A BCF GUID, 8-4-4-4-12 hex digits, from the room's id, the kind of item and its sequence.
 static void guid_of(char out[40], const cJSON *state, unsigned kind, double sequence)
 {
     const char *room = text_of(state, "room");
@@ -250,7 +250,7 @@ int bcf_write(struct room_call *c, const cJSON *state, const char *path)
 
 struct markup {
     XML_Parser parser;
-    cJSON *topic;   // what is made
+    cJSON *topic;   // the topic that the file is read into
     cJSON *comment; // the one that is open
     char text[8193];
     size_t n;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* room.h declares what the files of `relight room` share. */
+/* Functions that several commands of `relight room` call. */
 #ifndef RELIGHT_CLI_ROOM_H
 #define RELIGHT_CLI_ROOM_H
 
@@ -42,7 +42,7 @@ const cJSON *list_of(const cJSON *json, const char *field);
 /* Time in microseconds as "2026-11-22 21:04" (local), or as "2026-11-22T21:04:05Z". */
 void print_time(char out[32], double time_us);
 void print_utc(char out[32], double time_us);
-/* Who a stamp is of: display name, else principal. */
+/* The author of a stamp: the display name, else the principal. */
 const char *author_of(const cJSON *stamp);
 /* The item whose stamp has this sequence; NULL. */
 const cJSON *item_of(const cJSON *list, double sequence);

@@ -170,7 +170,7 @@ int room_export(struct room_call *c)
 
 // ---- import
 
-// Notes of others keep their author's name and date as text: who imports is who acts.
+// An imported note belongs to the importer; its first author and date are kept as text.
 static cJSON *note_text(const cJSON *author, const cJSON *date, const char *text)
 {
     char all[8192];

@@ -1141,7 +1141,7 @@ int relight_room_log(struct relight_client *client, const char *room, uint64_t a
                      char **json, uint64_t *last, struct relight_error *error);
 
 struct relight_room_edited {
-    uint64_t sequence; /* of the event; identifies what it made */
+    uint64_t sequence; /* of the event; also the id of the item it made */
     uint64_t time_us;
     bool repeated;               /* an earlier try had done it */
     char secret[RELIGHT_SECRET]; /* of an invitation: the guest's token */
@@ -1176,7 +1176,7 @@ int relight_room_backup(struct relight_client *client, const char *path, relight
                         void *user, uint64_t *size, struct relight_error *error);
 
 enum relight_room_news {
-    RELIGHT_ROOM_STATE,   /* JSON of RoomState: forget what was known before */
+    RELIGHT_ROOM_STATE,   /* JSON of RoomState, which replaces earlier state */
     RELIGHT_ROOM_EVENTS,  /* JSON of RoomEvents */
     RELIGHT_ROOM_PRESENCE /* JSON of Presence: participants that are new, changed or gone */
 };

@@ -185,7 +185,7 @@ export class RelightViewerElement extends HTMLElement {
     this.viewer?.show(this.state);
     this.tell("light-change", { rotate: lamps[0]?.rotate ?? 0, tilt: lamps[0]?.tilt ?? 0 });
   }
-  /** The daemon's own picture of what is shown. */
+  /** A still of the present scene, rendered by the daemon. */
   async toBlob(type: "image/png" | "image/jpeg" | "image/x-exr" = "image/png"): Promise<Blob> {
     if (!this.viewer) throw new Error("the element is not connected");
     const formats = {

@@ -39,7 +39,7 @@ export function faceDirection(face: number, s: number, t: number): Vec {
   return [x * l, y * l, z * l];
 }
 
-/** The face that a direction meets, and where. */
+/** The cube face of a direction, and the coordinates on it. */
 export function faceOf(x: number, y: number, z: number): [number, number, number] {
   const ax = Math.abs(x);
   const ay = Math.abs(y);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Lamps of a scene for both sides: cubes for what the browser draws, Light messages for the daemon.
+// Lights of a scene: as cube maps for the browser, as Light messages for the daemon.
 import { EnvAnswerSchema, EnvRequestSchema } from "../gen/relight_pb";
 import type { Client } from "../protocol/client";
 import { Type, words } from "../protocol/frame";

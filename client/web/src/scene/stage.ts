@@ -71,7 +71,7 @@ export interface Look {
 }
 export type ColorSource = "rgb9e5" | "half" | "texture";
 const SOURCES: Record<ColorSource, number> = { rgb9e5: 0, half: 1, texture: 2 };
-/** Curve of the shader that leaves linear radiance as it is. */
+/** Tone curve of the shader: none, linear radiance is kept. */
 const LINEAR = 3;
 
 function halfTexture(side: number, layers: number): DataArrayTexture {
@@ -173,7 +173,7 @@ export class Stage {
     this.backdrop.add(backdrop);
   }
 
-  // ---- what is drawn
+  // ---- mesh, colours and light
 
   setMesh(mesh: Mesh | null, images: (hash: number) => Texture | null = () => null): void {
     this.geometry?.dispose();

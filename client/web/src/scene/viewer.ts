@@ -71,7 +71,7 @@ export interface ViewerEvents {
   info: (info: ModelInfo | null) => void;
   /** A request that failed; the picture stays as it was. */
   fault: (error: Error) => void;
-  /** What was at fault works again. */
+  /** Called when an earlier fault has ended. */
   fine: () => void;
 }
 
