@@ -5,6 +5,7 @@
 #include "bake/run.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
+#include "bake/walks.h"
 
 #include "prt/bake_limits.h"
 #include "prt/radial.h"
@@ -33,6 +34,8 @@ static const uint32_t most_clusters = 128; // of a large model; twice as many of
 // near-field cells keep the integral right, and the user is warned.
 static const double least_samples = 150000, most_samples = 600000;
 static const uint32_t examined_vertices = 200; // whose error the file records
+// Walks of each of two references, and those of a bake below which they are as many; chosen.
+static const uint32_t examining_walks = 1536, few_walks = 256;
 static const uint32_t reference_samples =
     60000; // at least, of the reference it is held against
 
@@ -85,6 +88,8 @@ static int check_options(const struct prt_context *ctx, const struct prt_mesh *m
     if (o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
                         6 * o->cube * o->cube);
+    if (o->engine != PRT_TRANSPORT_WAVELET && o->scattering == PRT_SCATTERING_WALK)
+        return prt_fail(ctx, PRT_ARG, "--scattering walk goes with --transport wavelet only");
     if (o->engine != PRT_TRANSPORT_WAVELET && o->storage == PRT_STORAGE_SPARSE)
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
     if (o->draft && o->engine == PRT_TRANSPORT_POLYNOMIAL)
@@ -198,6 +203,13 @@ static int make_kernels(struct bake *b)
     return PRT_OK;
 }
 
+static void drop_lit(struct bake *b)
+{
+    if (b->lit) prt_lit_rows_finish(b->lit);
+    free(b->lit);
+    b->lit = NULL;
+}
+
 static int prepare(struct bake *b)
 {
     uint64_t started = prt_work_begin_all();
@@ -222,6 +234,8 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && b->o.draft) b->directions->faint = 1;
     if (status == PRT_OK)
         status = prt_clusters_create(mesh, prt_bake_cluster_size(b), &b->clusters);
+    if (status == PRT_OK && any && b->o.scattering == PRT_SCATTERING_WALK)
+        status = prt_walks_create(b);
     if (status == PRT_OK) {
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
@@ -345,6 +359,44 @@ int prt_bake_opaque_rows(const struct tensor_job *job, uint32_t c, const uint32_
     return status;
 }
 
+// The cluster's kernel becomes that of walks, smoothed by the answers that it gave before.
+static int take_walks(const struct tensor_job *job, uint32_t c, struct product_rows *rows,
+                      struct cut *cut, float *factor)
+{
+    const struct bake *b = job->bake;
+    const uint32_t m = job->lit->n_light;
+    struct walk_answers walks = {0};
+    float *smooth = NULL, *dipole = prt_alloc((size_t)3 * rows->n_vertex * m, sizeof *dipole);
+    int status = dipole ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK) status = prt_product_multiply(rows, job->lit->light, m, dipole);
+    if (status == PRT_OK) status = prt_walks_fill(job, c, cut, &walks);
+    const uint64_t started = prt_work_begin();
+    if (status == PRT_OK)
+        status = prt_walks_smooth(b, c, dipole, &walks, &smooth, factor, b->walk->noise[c]);
+    prt_work_end(job->work, WORK_SMOOTH, started, 0, 0);
+    prt_walk_answers_finish(&walks);
+    prt_free(dipole);
+    rows->smooth = smooth;
+    return status;
+}
+
+// Rows of walked vertices times their factors. A factor scales a row of U, which takes no
+// column more.
+static int take_scaled_rows(const struct tensor_job *job, uint32_t c, struct product_rows *rows,
+                            const struct row_source *source, const float *factor)
+{
+    struct bake *b = job->bake;
+    const size_t n = rows->n_vertex;
+    float *smooth = (float *)(uintptr_t)rows->smooth;
+    for (size_t i = 0; smooth && b->sparse && i < 3 * n * n; i++)
+        smooth[i] *= factor[i / n % n];
+    int status = prt_bake_take_rows(job, c, source);
+    const struct factored *f = &b->factored[c];
+    for (size_t i = 0; smooth && !b->sparse && !status && i < f->rank * n; i++)
+        f->u[i] *= factor[i % n];
+    return status;
+}
+
 static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct tensor_job *job = arg;
@@ -359,16 +411,25 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
             continue;
         }
         struct cut cut = {0};
+        float *factor = prt_alloc(b->clusters->cluster[c].n_vertex, sizeof *factor);
+        if (!factor) status = PRT_NOMEM;
         uint64_t started = prt_work_begin();
         const struct cut_source from = prt_bake_cut_source(b);
-        status = prt_cut_build(b->ctx, &from, (uint32_t)c,
-                               &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
+        if (!status)
+            status = prt_cut_build(b->ctx, &from, (uint32_t)c,
+                                   &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
         prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
         struct product_rows rows = {
-            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3, job->lit, job->work};
+            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3, job->lit,
+            job->work,      NULL};
+        if (status == PRT_OK && prt_walks_in(b, (uint32_t)c))
+            status = take_walks(job, (uint32_t)c, &rows, &cut, factor);
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
-        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        if (status == PRT_OK && factor)
+            status = take_scaled_rows(job, (uint32_t)c, &rows, &source, factor);
+        prt_free((float *)(uintptr_t)rows.smooth);
+        prt_free(factor);
         prt_cut_finish(&cut);
     }
     prt_free(block);
@@ -394,10 +455,13 @@ double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n
 
 // Energy error of a term's packing over --max-error. 0.75 for multiple scattering gave 0.82 %
 // on the bunny at --max-error 0.01 under the hardest light; single scattering's rows carry the
-// noise of their jitter, which is not worth its bytes.
+// noise of their jitter, which is not worth its bytes. Unscattered light is a small part of a
+// total.
 static double energy_error(const struct bake *b, enum prt_term term)
 {
-    return b->o.max_error * (term == PRT_TERM_SINGLE ? 1.5 : 0.75);
+    return b->o.max_error * (term == PRT_TERM_SINGLE        ? 1.5
+                             : term == PRT_TERM_UNSCATTERED ? 3
+                                                            : 0.75);
 }
 
 static int pack_rows(const struct tensor_job *job, struct prt_tensor *out)
@@ -419,7 +483,11 @@ static int prepare_lights(struct tensor_job *job, float **lights, struct lit_row
 {
     struct bake *b = job->bake;
     const uint32_t n = job->probes->n;
-    if (b->o.storage == PRT_STORAGE_SPARSE) return PRT_OK;
+    if (b->o.storage == PRT_STORAGE_SPARSE && !b->walk) return PRT_OK;
+    if (b->lit && job->term == PRT_TERM_UNSCATTERED) {
+        job->lit = b->lit;
+        return PRT_OK;
+    }
     struct factor_plan plan = plan_of(job, 0); // the lights are the same for all
     if (plan.train && !(*lights = prt_compression_lights(&plan))) return PRT_NOMEM;
     job->lights = *lights;
@@ -433,19 +501,24 @@ static int prepare_lights(struct tensor_job *job, float **lights, struct lit_row
 int prt_bake_tensor(struct tensor_job *job)
 {
     struct bake *b = job->bake;
-    struct lit_rows lit = {0};
+    struct lit_rows *lit = calloc(1, sizeof *lit);
     float *lights = NULL;
     job->work = &b->work;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor];
-    int status = PRT_OK;
-    if (b->o.storage == PRT_STORAGE_SPARSE)
+    int status = lit ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK && b->o.storage == PRT_STORAGE_SPARSE)
         status = prt_sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube,
                                            job->n_function, b->o.n_coef, &b->sparse);
     const struct slot slot = {b->sparse ? SLOT_SPARSE : SLOT_FACTORED, job->n_function, NULL};
     bool part = false;
-    if (status == PRT_OK) status = prepare_lights(job, &lights, &lit);
+    if (status == PRT_OK) status = prepare_lights(job, &lights, lit);
     if (status == PRT_OK) status = prt_shard_for(b, job->stage, job->range, job, &slot, &part);
-    prt_lit_rows_finish(&lit);
+    if (b->walk && job->term == PRT_TERM_MULTIPLE && lit && lit->value && !lights) {
+        b->lit = lit; // unscattered light gathers from the same rows
+    } else {
+        if (lit) prt_lit_rows_finish(lit);
+        free(lit);
+    }
     prt_free(lights);
     uint64_t started = prt_work_begin_all();
     if (status == PRT_OK && !part) status = pack_rows(job, t);
@@ -534,7 +607,14 @@ static int bake_wavelet(struct bake *b)
                                   .n_phase = 1,
                                   .probes = &probes};
     if (status == PRT_OK) status = prt_bake_tensor(&multiple);
+    struct tensor_job unscattered = multiple;
+    unscattered.term = PRT_TERM_UNSCATTERED;
+    unscattered.stage = "unscattered light";
+    unscattered.range = prt_bake_unscattered_range;
+    unscattered.lit = NULL;
+    if (status == PRT_OK && b->walk) status = prt_bake_tensor(&unscattered);
     prt_half_rows_finish(&b->irradiance);
+    drop_lit(b);
     // A material's own profile holds all light that leaves: single scattering is part of it.
     if (status == PRT_OK && !b->o.no_single && b->surface && prt_bake_any_single(b)) {
         struct tensor_job single = {.bake = b,
@@ -576,10 +656,17 @@ static int examine(struct bake *b, char **errors)
     bool fixed = b->o.engine == PRT_TRANSPORT_POLYNOMIAL;
     int status =
         fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own) : PRT_OK;
-    if (status == PRT_OK)
-        status =
-            prt_measure_bake(b->ctx, &b->out, fixed ? &own : NULL, examined_vertices,
-                             b->o.draft ? b->o.n_sample : reference_samples, b->o.seed, errors);
+    const struct measure_options options = {
+        .own = fixed ? &own : NULL,
+        .n_vertex = examined_vertices,
+        .least_samples = b->o.draft ? b->o.n_sample : reference_samples,
+        .seed = b->o.seed,
+        .draft = b->o.draft,
+        .n_walk = !b->walk                      ? 0
+                  : b->walk->n_walk < few_walks ? b->walk->n_walk
+                                                : examining_walks,
+        .noise = prt_walks_noise(b)};
+    if (status == PRT_OK) status = prt_measure_bake(b->ctx, &b->out, &options, errors);
     prt_cube_finish(&own);
     return status;
 }
@@ -596,6 +683,8 @@ static void release(struct bake *b)
     prt_hierarchy_destroy(b->hierarchy);
     prt_surface_destroy(b->surface);
     prt_bake_unplan_single(b);
+    prt_walks_destroy(b->walk);
+    drop_lit(b);
     prt_scene_destroy(b->scene);
     prt_free(b->out.mesh.blocked);
     prt_free(b->dipole);

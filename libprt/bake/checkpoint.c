@@ -2,6 +2,7 @@
 // The checkpoint file of a bake: one record is appended for each piece of finished work; a
 // later process reads the records and skips that work.
 #include "bake/checkpoint.h"
+#include "bake/walks.h"
 
 #include "prt/bake.h"
 
@@ -39,7 +40,7 @@ struct checkpoint {
     int fd, rows_fd;
     uint64_t end, rows_bytes, room; // bytes of either file; room: of both together
     uint32_t slot;
-    bool rows_skipped;   // slot 0 was complete
+    bool rows_skipped;   // the slots that read the rows were complete
     struct place *place; // found when it was opened
     size_t n_place, capacity;
     pthread_mutex_t lock; // of `end` and of the file behind it
@@ -240,6 +241,7 @@ static bool recall(struct bake *b, const struct slot *slot, uint32_t c)
     if (slot->kind == SLOT_FACTORED && !p->record.bytes) return true; // without rows
     bool ok = prt_cluster_room(b, slot, &p->record, view, &n) &&
               prt_record_read(&p->record, k->fd, p->at, view, n);
+    if (ok && b->walk) memcpy(b->walk->noise[c], p->record.noise, sizeof p->record.noise);
     if (ok) b->rays_single[c] = p->record.rays;
     else if (slot->kind == SLOT_FACTORED) prt_factored_finish(&b->factored[c]);
     else
@@ -247,7 +249,14 @@ static bool recall(struct bake *b, const struct slot *slot, uint32_t c)
     return ok;
 }
 
-// Only the first slot reads the rows of pass 1. They go once its records are on the disk.
+// The slots that read the rows of pass 1 come first: multiple scattering, and what crosses
+// unscattered where walks are taken.
+static uint32_t reading_slots(const struct bake *b)
+{
+    return b->walk ? 2 : 1;
+}
+
+// The rows are removed once the records of the slots that read them are on the disk.
 static void end_rows(struct bake *b)
 {
     struct checkpoint *k = b->checkpoint;
@@ -273,7 +282,7 @@ int prt_checkpoint_for(struct bake *b, const char *stage, uint32_t first, uint32
     if (!cluster) return PRT_NOMEM;
     for (uint32_t c = first; c < b->clusters->n_cluster; c += step)
         if (!recall(b, slot, c)) cluster[n++] = c;
-    if (n && k && k->rows_skipped && !k->slot) {
+    if (n && k && k->rows_skipped && k->slot < reading_slots(b)) {
         free(cluster);
         (void)!ftruncate(k->fd, 0);
         return prt_fail(b->ctx, PRT_FORMAT,
@@ -283,7 +292,7 @@ int prt_checkpoint_for(struct bake *b, const char *stage, uint32_t first, uint32
     int status =
         n ? prt_parallel_for(b->ctx, stage, n, 1, remaining_range, &remaining) : PRT_OK;
     free(cluster);
-    if (k && !status && !k->slot++) end_rows(b);
+    if (k && !status && ++k->slot == reading_slots(b)) end_rows(b);
     return status;
 }
 

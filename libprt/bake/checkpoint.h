@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* The checkpoint of a bake (options.checkpoint): finished work in two files, from which the
- * same bake goes on after any interruption. PATH has a record for each finished cluster of a
+ * same bake continues after any interruption. PATH has a record for each finished cluster of a
  * tensor and for each finished piece of pass 1; PATH.rows has the rows of pass 1 until no
  * cluster needs them. Records have hashes: reading stops at the first one that was not written
  * whole. A checkpoint that cannot be written (full disk, options.checkpoint_room) costs only

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // The arrays of one finished cluster, by storage, and their records.
 #include "bake/cluster_records.h"
+#include "bake/walks.h"
 
 #include <errno.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 bool prt_read_at(int fd, void *to, size_t n, uint64_t at)
@@ -76,6 +78,7 @@ unsigned prt_cluster_views(const struct bake *b, const struct slot *slot, uint32
                            struct record *r, struct view v[RECORD_VIEWS])
 {
     *r = (struct record){.cluster = c, .rays = b->rays_single[c]};
+    if (b->walk) memcpy(r->noise, b->walk->noise[c], sizeof r->noise);
     if (slot->kind == SLOT_SPARSE) return sparse_views(b, c, v);
     if (slot->kind == SLOT_RADIAL) return radial_views(slot->tensor, c, v);
     const struct factored *f = &b->factored[c];

@@ -14,6 +14,7 @@ struct record {
     uint32_t slot, cluster;     /* slot: number of the tensor within the bake */
     uint32_t rank, n_component; /* of a factored cluster */
     uint64_t rays;              /* of single scattering */
+    double noise[2];            /* of walks (struct walk_bake) */
     uint64_t bytes, hash;
     uint64_t check; /* hash of the fields above */
 };

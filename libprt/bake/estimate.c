@@ -43,7 +43,8 @@ int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake
                  {PRT_BAKE_RANK, o->rank},
                  {PRT_BAKE_BASIS_COEFFS, o->n_basis_coef},
                  {PRT_BAKE_PHASE_TERMS, o->n_phase},
-                 {PRT_BAKE_SINGLE_POINTS, o->n_single}};
+                 {PRT_BAKE_SINGLE_POINTS, o->n_single},
+                 {PRT_BAKE_WALKS, o->n_walk}};
     char reason[128];
     for (size_t i = 0; i < sizeof given / sizeof *given; i++)
         if (!prt_bake_setting_ok(given[i].setting, given[i].value, reason))
@@ -169,6 +170,16 @@ static double single_bytes(const struct demand *d, double functions)
     return cells + rays;
 }
 
+// A thread's arrays of walks in a cluster: the halves' and the dipole's answers, the smoothing
+// of three channels, and its work in doubles. The grid of distances is beside them.
+static double walk_bytes(const struct demand *d)
+{
+    const double n = d->widest, probes = WAVELET_PROBES;
+    if (d->b->o.scattering != PRT_SCATTERING_WALK) return 0;
+    return 3 * n * probes * 12 + 3 * n * n * 4 + 5 * n * n * 8 + n * probes * 40 +
+           d->samples * 4 + 2e6 / d->threads;
+}
+
 static double sparse_bytes(const struct demand *d, double functions)
 {
     return d->vertices * (16 * functions + d->b->o.n_coef * (4 + functions));
@@ -196,17 +207,21 @@ static double stages(struct demand *d, double rows)
     }
     double probes = joint ? JOINT_PROBES : WAVELET_PROBES, lights = d->coef * probes * 4;
     double lit = sparse ? 0 : (d->samples + d->nodes) * (probes + 6) * 4;
+    if (o->scattering == PRT_SCATTERING_WALK) lit = (d->samples + d->nodes) * probes * 4;
     double first = rows + horizon(d), second, third = 0;
     if (sparse) {
-        second = rows + sparse_bytes(d, multiple) +
-                 d->threads * sparse_scratch(d, multiple, columns);
+        second = rows + lit + sparse_bytes(d, multiple) +
+                 d->threads * (sparse_scratch(d, multiple, columns) + walk_bytes(d));
         third = sparse_bytes(d, multiple) + sparse_bytes(d, single) + horizon(d) +
                 d->threads * (single_bytes(d, single) + sparse_scratch(d, single, 0));
     } else {
         double tensor = packed(d, PRT_TERM_MULTIPLE, multiple);
         double train = joint ? TRAIN_REFLECTANCE : multiple;
         second = rows + lit + factors(d, multiple, joint) +
-                 fmax(d->threads * factor_bytes(d, multiple, train, probes, columns), tensor);
+                 fmax(d->threads *
+                          (factor_bytes(d, multiple, train, probes, columns) + walk_bytes(d)),
+                      tensor);
+        if (o->scattering == PRT_SCATTERING_WALK) second += tensor;
         train = joint ? TRAIN_EXTINCTION * o->n_phase : single;
         third = tensor + horizon(d) + factors(d, single, joint) +
                 fmax(d->threads *

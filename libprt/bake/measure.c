@@ -80,17 +80,20 @@ static const char *const free_media[MEDIA - 1] = {"skin1", "ketchup", "skimmilk"
 struct examination {
     const struct prt_context *ctx;
     const struct prt_transport *transport;
-    uint32_t n, *vertex, least_samples;
+    const struct measure_options *o;
+    uint32_t n, *vertex;
     float (*all)[3], (*got)[3];
-    float *divisor;                           // [n] of the exit at each vertex
-    float (*want[MEDIA * MEASURE_LIGHTS])[3]; // by medium, then light
+    float *divisor; // [n] of the exit at each vertex
+    // By medium, then light. Two references of walks differ in their noise alone, so that the
+    // mean product of the differences from them holds none of it; one of the dipole is both.
+    float (*want[2][MEDIA * MEASURE_LIGHTS])[3];
     unsigned n_medium;
     struct prt_media media[MEDIA];
     struct prt_material *medium[MEDIA]; // of media, but of the first, which are the transport's
     double worst[MEDIA];                // largest error over lights, of the term at hand
-    // Multiple scattering of the bake's own medium under each light, and once single scattering
-    // is added their sum: of the bake and of the reference.
-    float (*sum_got[MEASURE_LIGHTS])[3], (*sum_want[MEASURE_LIGHTS])[3];
+    // The sum of the terms of the bake's own medium under each light, of the bake and of the
+    // references.
+    float (*sum_got[MEASURE_LIGHTS])[3], (*sum_want[2][MEASURE_LIGHTS])[3];
     double together[MEASURE_LIGHTS]; // error of the sums
 };
 
@@ -131,67 +134,91 @@ static uint32_t reference_samples(const struct examination *e)
             densest =
                 fmax(densest, (double)own->sigma_s_prime[c % 3] + (double)own->sigma_a[c % 3]);
         }
+    double least_samples = e->o->least_samples;
     double least = prt_surface_area(&e->transport->mesh) * densest * densest / (200.0 * 200.0);
-    return (uint32_t)fmin(fmax(e->least_samples, least), 2e7);
+    return (uint32_t)fmin(fmax(least_samples, least), 2e7);
+}
+
+// The relative RMSE of `got` from what two references agree on; 0 where their noise hides it.
+static double error_from(const float *got, const float *a, const float *b, size_t n)
+{
+    double error = 0, all = 0;
+    for (size_t i = 0; i < n; i++) {
+        error += ((double)got[i] - (double)a[i]) * ((double)got[i] - (double)b[i]);
+        all += (double)a[i] * (double)b[i];
+    }
+    if (!(all > 0)) return error > 0 ? INFINITY : 0;
+    return sqrt(fmax(error, 0) / all);
 }
 
 // Adds the term at hand of the bake's own medium, in the proportion that a total has, to the
 // sums under a light.
-static void add_to_sums(struct examination *e, bool single, unsigned light, const float *now)
+static void add_to_sums(struct examination *e, bool single, unsigned light)
 {
-    float *got = e->sum_got[light][0], *want = e->sum_want[light][0];
+    float *got = e->sum_got[light][0];
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
         const float gain = single ? e->divisor[i / 3] : 1;
         got[i] += gain * e->got[0][i];
-        want[i] += gain * now[i];
+        for (unsigned k = 0; k < 2; k++)
+            e->sum_want[k][light][0][i] += gain * e->want[k][light][0][i];
     }
-    e->together[light] = prt_relative_rmse(got, want, (size_t)e->n * 3);
+    e->together[light] =
+        error_from(got, e->sum_want[0][light][0], e->sum_want[1][light][0], (size_t)e->n * 3);
 }
 
-// The bake's answer for medium m under a light, beside the reference's.
+// The bake's answer for medium m under a light, beside the references'.
 static int compare(struct examination *e, const struct prt_query *query, unsigned m,
-                   const float (*want)[3], double *error)
+                   unsigned at, double *error)
 {
     int status = prt_answer_colors(e->ctx, e->transport, query, e->all);
     for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
         memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
     if (status) return status;
-    *error = prt_relative_rmse(e->got[0], want[0], (size_t)e->n * 3);
+    *error = error_from(e->got[0], e->want[0][at][0], e->want[1][at][0], (size_t)e->n * 3);
     e->worst[m] = fmax(e->worst[m], *error);
     return PRT_OK;
 }
 
 // Every medium under every light, without a view, or towards an eye [mm]; error [n_light]: of
 // the bake's own medium. One call of the reference, whose kernels serve all lights.
-static int examine(struct examination *e, bool single, unsigned n_light,
+static int examine(struct examination *e, enum prt_term term, unsigned n_light,
                    const struct prt_cube *const light[], const float *eye, double error[])
 {
+    static const enum prt_reference_term wanted[] = {
+        PRT_REFERENCE_MULTIPLE, PRT_REFERENCE_SINGLE, PRT_REFERENCE_UNSCATTERED};
+    static const enum prt_answer_term answered[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE,
+                                                    PRT_ANSWER_UNSCATTERED};
     const struct prt_transport *t = e->transport;
-    struct prt_reference_options options = {.term = single ? PRT_REFERENCE_SINGLE
-                                                           : PRT_REFERENCE_MULTIPLE,
+    const bool walks = term != PRT_TERM_SINGLE && e->o->n_walk;
+    struct prt_reference_options options = {.term = wanted[term],
                                             .eye = eye,
                                             .vertex = e->vertex,
                                             .n_vertex = e->n,
                                             .n_sample = reference_samples(e),
                                             .n_ray = 512,
                                             .n_single = 4096,
+                                            .n_walk = walks ? e->o->n_walk : 0,
                                             .seed = 99};
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
     int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, n_light, light,
-                                    &options, e->want);
+                                    &options, e->want[0]);
+    options.seed = 177;
+    if (status == PRT_OK && walks)
+        status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, n_light, light,
+                                    &options, e->want[1]);
+    for (unsigned i = 0; status == PRT_OK && !walks && i < e->n_medium * n_light; i++)
+        memcpy(e->want[1][i], e->want[0][i], (size_t)e->n * sizeof *e->want[1][i]);
     for (unsigned i = 0; status == PRT_OK && i < e->n_medium * n_light; i++) {
         const unsigned m = i / n_light, l = i % n_light;
-        struct prt_query query = {.term = single ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
-                                  .light = light[l],
-                                  .eye = eye};
+        struct prt_query query = {.term = answered[term], .light = light[l], .eye = eye};
         if (m) query.media = e->media[m];
         double now;
-        status = compare(e, &query, m, (const float(*)[3])e->want[i], &now);
+        status = compare(e, &query, m, i, &now);
         if (status || m) continue;
         error[l] = now;
-        if (!eye) add_to_sums(e, single, l, e->want[i][0]);
+        if (!eye) add_to_sums(e, term == PRT_TERM_SINGLE, l);
     }
     return status;
 }
@@ -216,20 +243,20 @@ static void add_worst(const struct examination *e, cJSON *to)
 }
 
 // One term under every light.
-static int measure_term(struct examination *e, bool single, const struct prt_cube *own,
-                        cJSON *to)
+static int measure_term(struct examination *e, enum prt_term term, double at, cJSON *to)
 {
+    const struct prt_cube *own = e->o->own;
     struct prt_cube made[MEASURE_LIGHTS] = {{0}};
     const struct prt_cube *light[MEASURE_LIGHTS] = {own};
     const unsigned n_light = own ? 1 : MEASURE_LIGHTS;
     double error[MEASURE_LIGHTS] = {0};
-    int status = prt_progress(e->ctx, "measuring", single ? 0.4 : 0);
+    int status = prt_progress(e->ctx, "measuring", at);
     memset(e->worst, 0, sizeof e->worst);
     for (unsigned l = 0; status == PRT_OK && !own && l < n_light; l++) {
         status = prt_measure_light(l, e->transport->cube, &made[l]);
         light[l] = &made[l];
     }
-    if (status == PRT_OK && e->n) status = examine(e, single, n_light, light, NULL, error);
+    if (status == PRT_OK && e->n) status = examine(e, term, n_light, light, NULL, error);
     for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_cube_finish(&made[l]);
     for (unsigned l = 0; e->n && l < n_light; l++)
         add_error(to, own ? "own" : prt_measure_light_name[l], error[l]);
@@ -239,8 +266,9 @@ static int measure_term(struct examination *e, bool single, const struct prt_cub
 
 // Single scattering as eyes all around see it, under the soft boxes or the bake's own light.
 // Vertices that face away are 0 on both sides. The mean over eyes: one error for any view.
-static int measure_views(struct examination *e, const struct prt_cube *own, cJSON *to)
+static int measure_views(struct examination *e, cJSON *to)
 {
+    const struct prt_cube *own = e->o->own;
     enum { EYES = 4 };
     static const float from[EYES][3] = {{0.6f, 0.3f, 0.74f},
                                         {-0.86f, 0.1f, 0.5f},
@@ -261,7 +289,7 @@ static int measure_views(struct examination *e, const struct prt_cube *own, cJSO
             eye[k] = (box[0][k] + box[1][k]) / 2 + (float)distance * from[i][k];
         const struct prt_cube *const lights[] = {own ? own : &light};
         status = prt_progress(e->ctx, "measuring", 0.7 + 0.3 * i / EYES);
-        if (status == PRT_OK) status = examine(e, true, 1, lights, eye, &error);
+        if (status == PRT_OK) status = examine(e, PRT_TERM_SINGLE, 1, lights, eye, &error);
         sum += error * error / EYES;
     }
     e->n_medium = n_medium;
@@ -291,53 +319,171 @@ static int find_divisors(struct examination *e)
     return PRT_OK;
 }
 
-static int measure_terms(struct examination *e, const struct prt_cube *own, char **errors)
+static int ratio_order(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+// What the dipole would cost: its multiple scattering from that of the walks' references, which
+// measure_term left; the ratio of both under the sky beyond which lies one vertex in fifty.
+static int measure_dipole(struct examination *e, cJSON *to)
+{
+    struct prt_cube made[MEASURE_LIGHTS] = {{0}};
+    const struct prt_cube *light[MEASURE_LIGHTS];
+    float(*color[MEASURE_LIGHTS])[3] = {NULL};
+    double *ratio = prt_alloc(e->n + 1u, sizeof *ratio);
+    const struct prt_reference_options options = {.term = PRT_REFERENCE_MULTIPLE,
+                                                  .vertex = e->vertex,
+                                                  .n_vertex = e->n,
+                                                  .n_sample = reference_samples(e),
+                                                  .n_ray = 512,
+                                                  .seed = 99};
+    struct prt_context quiet = *e->ctx;
+    int status = ratio ? PRT_OK : PRT_NOMEM;
+    quiet.progress = NULL;
+    quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
+    for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++) {
+        status = prt_measure_light(l, e->transport->cube, &made[l]);
+        light[l] = &made[l];
+        color[l] = prt_alloc(e->n + 1u, sizeof *color[l]);
+        if (!color[l]) status = PRT_NOMEM;
+    }
+    if (status == PRT_OK)
+        status = prt_reference_many(&quiet, &e->transport->mesh, 1, e->media, MEASURE_LIGHTS,
+                                    light, &options, color);
+    for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++)
+        add_error(
+            to, prt_measure_light_name[l],
+            error_from(color[l][0], e->want[0][l][0], e->want[1][l][0], (size_t)e->n * 3));
+    for (uint32_t i = 0; status == PRT_OK && i < e->n; i++) {
+        double dipole = 0, walk = 0;
+        for (int c = 0; c < 3; c++) {
+            dipole += (double)color[0][i][c];
+            walk += 0.5 * ((double)e->want[0][0][i][c] + (double)e->want[1][0][i][c]);
+        }
+        ratio[i] = walk > 0 ? dipole / walk - 1 : 0;
+    }
+    if (status == PRT_OK && e->n) {
+        qsort(ratio, e->n, sizeof *ratio, ratio_order);
+        add_error(to, "darkest", ratio[e->n / 50]);
+        add_error(to, "brightest", ratio[e->n - 1 - e->n / 50]);
+    }
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_cube_finish(&made[l]), prt_free(color[l]);
+    prt_free(ratio);
+    return status;
+}
+
+// Error of the sum where the transport has no single scattering: that of the reference counts
+// as missing. Of the bake's own media, under every light.
+static int measure_missing_single(struct examination *e, cJSON *to)
+{
+    struct prt_cube made[MEASURE_LIGHTS] = {{0}};
+    const struct prt_cube *own = e->o->own, *light[MEASURE_LIGHTS] = {own};
+    const unsigned n_light = own ? 1 : MEASURE_LIGHTS;
+    const struct prt_reference_options options = {.term = PRT_REFERENCE_SINGLE,
+                                                  .vertex = e->vertex,
+                                                  .n_vertex = e->n,
+                                                  .n_single = 1024,
+                                                  .seed = 99};
+    struct prt_context quiet = *e->ctx;
+    quiet.progress = NULL;
+    double worst = 0;
+    int status = PRT_OK;
+    for (unsigned l = 0; status == PRT_OK && !own && l < n_light; l++) {
+        status = prt_measure_light(l, e->transport->cube, &made[l]);
+        light[l] = &made[l];
+    }
+    if (status == PRT_OK && e->n)
+        status = prt_reference_many(&quiet, &e->transport->mesh, 1, e->media, n_light, light,
+                                    &options, e->want[0]);
+    memset(e->got, 0, e->n * sizeof *e->got);
+    for (unsigned l = 0; status == PRT_OK && e->n && l < n_light; l++) {
+        memcpy(e->want[1][l], e->want[0][l], (size_t)e->n * sizeof *e->want[1][l]);
+        add_to_sums(e, true, l);
+        add_error(to, own ? "own" : prt_measure_light_name[l], e->together[l]);
+        worst = fmax(worst, e->together[l]);
+    }
+    add_error(to, "worst", worst);
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_cube_finish(&made[l]);
+    return status;
+}
+
+static bool all_profiles(const struct prt_media *media)
+{
+    bool all = true;
+    for (uint32_t i = 0; i < media->n; i++) all &= media->medium[i].profile != 0;
+    return all;
+}
+
+static int measure_terms(struct examination *e, char **errors)
 {
     const struct prt_transport *t = e->transport;
-    bool single = false;
-    for (uint32_t i = 0; i < t->n_tensor; i++) single |= t->tensor[i].term == PRT_TERM_SINGLE;
+    const struct prt_cube *own = e->o->own;
+    bool single = false, unscattered = false;
+    for (uint32_t i = 0; i < t->n_tensor; i++) {
+        single |= t->tensor[i].term == PRT_TERM_SINGLE;
+        unscattered |= t->tensor[i].term == PRT_TERM_UNSCATTERED;
+    }
     cJSON *json = cJSON_CreateObject();
     cJSON_AddNumberToObject(json, "vertices", e->n);
-    int status = measure_term(e, false, own, cJSON_AddObjectToObject(json, "multiple"));
+    if (e->o->n_walk) {
+        cJSON_AddNumberToObject(json, "reference_walks", 2.0 * e->o->n_walk);
+        add_error(json, "walk_noise", e->o->noise);
+    }
+    int status =
+        measure_term(e, PRT_TERM_MULTIPLE, 0, cJSON_AddObjectToObject(json, "multiple"));
+    if (status == PRT_OK && e->o->n_walk)
+        status = measure_dipole(e, cJSON_AddObjectToObject(json, "dipole"));
+    if (status == PRT_OK && unscattered)
+        status = measure_term(e, PRT_TERM_UNSCATTERED, 0.2,
+                              cJSON_AddObjectToObject(json, "unscattered"));
     if (status == PRT_OK && single)
-        status = measure_term(e, true, own, cJSON_AddObjectToObject(json, "single"));
-    if (status == PRT_OK && single) {
+        status = measure_term(e, PRT_TERM_SINGLE, 0.4, cJSON_AddObjectToObject(json, "single"));
+    if (status == PRT_OK && (single || unscattered)) {
         cJSON *together = cJSON_AddObjectToObject(json, "together");
         for (unsigned l = 0; l < (own ? 1 : MEASURE_LIGHTS); l++)
             add_error(together, own ? "own" : prt_measure_light_name[l], e->together[l]);
-        status = measure_views(e, own, cJSON_AddObjectToObject(json, "single_toward_eyes"));
     }
+    if (status == PRT_OK && single)
+        status = measure_views(e, cJSON_AddObjectToObject(json, "single_toward_eyes"));
+    if (status == PRT_OK && e->o->draft && !single && !unscattered && !all_profiles(&t->media))
+        status = measure_missing_single(e, cJSON_AddObjectToObject(json, "total"));
     if (status == PRT_OK && !(*errors = cJSON_PrintUnformatted(json))) status = PRT_NOMEM;
     cJSON_Delete(json);
     return status;
 }
 
 int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
-                     const struct prt_cube *own, uint32_t n_vertex, uint32_t least_samples,
-                     uint64_t seed, char **errors)
+                     const struct measure_options *options, char **errors)
 {
-    struct examination e = {.ctx = ctx, .transport = transport, .least_samples = least_samples};
+    const uint32_t n_vertex = options->n_vertex;
+    struct examination e = {.ctx = ctx, .transport = transport, .o = options};
     e.vertex = prt_alloc(n_vertex, sizeof *e.vertex);
     e.all = prt_alloc(transport->mesh.n_vertex, sizeof *e.all);
     e.got = prt_alloc(n_vertex, sizeof *e.got);
     int status = e.vertex && e.all && e.got ? choose_media(&e) : PRT_NOMEM;
     for (unsigned i = 0; status == PRT_OK && i < e.n_medium * MEASURE_LIGHTS; i++)
-        if (!(e.want[i] = prt_alloc(n_vertex, sizeof *e.want[i]))) status = PRT_NOMEM;
+        for (unsigned k = 0; k < 2; k++)
+            if (!(e.want[k][i] = prt_alloc(n_vertex, sizeof *e.want[k][i]))) status = PRT_NOMEM;
     for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++) {
         e.sum_got[l] = prt_calloc(n_vertex, sizeof *e.sum_got[l]);
-        e.sum_want[l] = prt_calloc(n_vertex, sizeof *e.sum_want[l]);
-        if (!e.sum_got[l] || !e.sum_want[l]) status = PRT_NOMEM;
+        e.sum_want[0][l] = prt_calloc(n_vertex, sizeof *e.sum_want[0][l]);
+        e.sum_want[1][l] = prt_calloc(n_vertex, sizeof *e.sum_want[1][l]);
+        if (!e.sum_got[l] || !e.sum_want[0][l] || !e.sum_want[1][l]) status = PRT_NOMEM;
     }
-    if (status == PRT_OK) e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
+    if (status == PRT_OK)
+        e.n = draw_vertices(&transport->mesh, n_vertex, options->seed, e.vertex);
     if (status == PRT_OK) status = find_divisors(&e);
-    if (status == PRT_OK) status = measure_terms(&e, own, errors);
+    if (status == PRT_OK) status = measure_terms(&e, errors);
     prt_free(e.divisor);
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);
-    for (unsigned i = 0; i < MEDIA * MEASURE_LIGHTS; i++) prt_free(e.want[i]);
+    for (unsigned i = 0; i < MEDIA * MEASURE_LIGHTS; i++)
+        prt_free(e.want[0][i]), prt_free(e.want[1][i]);
     for (unsigned m = 0; m < MEDIA; m++) prt_free(e.medium[m]);
     for (unsigned l = 0; l < MEASURE_LIGHTS; l++)
-        prt_free(e.sum_got[l]), prt_free(e.sum_want[l]);
+        prt_free(e.sum_got[l]), prt_free(e.sum_want[0][l]), prt_free(e.sum_want[1][l]);
     return status;
 }

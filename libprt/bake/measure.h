@@ -9,14 +9,23 @@
 enum { MEASURE_LIGHTS = 3 };
 extern const char *const prt_measure_light_name[MEASURE_LIGHTS];
 int prt_measure_light(unsigned which, uint32_t n, struct prt_cube *out);
-/* Relights the transport's multiple and single terms. *errors gets a JSON object of relative
- * RMSEs, to free(): by light for the bake's own material, and where the material is free the
- * worst light of each of three media that are not in the training ("media"). At most n_vertex
- * translucent vertices, drawn by seed. The reference takes least_samples or as many as its
- * densest medium needs. own: the light that a polynomial bake fixed, used alone;
- * NULL: the synthetic ones. Blocks; reports "measuring" as progress. */
+struct measure_options {
+    const struct prt_cube *own; /* the light that a polynomial bake fixed, used alone; NULL: the
+                                 * synthetic ones */
+    uint32_t n_vertex;          /* at most, translucent, drawn by seed */
+    uint32_t least_samples;     /* of the reference, or as many as its densest medium needs */
+    uint64_t seed;
+    uint32_t n_walk; /* walks a vertex and channel of each of two references, whose noise is
+                      * taken out of the errors; 0: the dipole */
+    double noise;    /* recorded beside the errors of walks */
+    bool draft; /* also "total", the error of multiple scattering alone against the sum with
+                 * single scattering, of the own material */
+};
+/* Relights the transport's terms. *errors gets a JSON object of relative RMSEs, to free(): by
+ * light for the bake's own material, and where the material is free the worst light of each of
+ * three media that are not in the training ("media"). Blocks; reports "measuring" as progress.
+ */
 int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
-                     const struct prt_cube *own, uint32_t n_vertex, uint32_t least_samples,
-                     uint64_t seed, char **errors);
+                     const struct measure_options *options, char **errors);
 
 #endif

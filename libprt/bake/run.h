@@ -6,6 +6,9 @@
 #include "bake/stages.h"
 #include "bake/work.h"
 
+struct walk_bake;
+struct lit_rows; /* sources.h */
+
 struct bake {
     const struct prt_context *ctx;
     const struct prt_mesh *mesh;
@@ -25,6 +28,8 @@ struct bake {
     uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]
     struct shard *shard;                    // one part of several; NULL: the whole bake
     struct checkpoint *checkpoint;          // NULL: none is kept
+    struct walk_bake *walk;                 // walks.h; NULL: the dipole
+    struct lit_rows *lit; // of multiple scattering, kept for unscattered light; or NULL
     struct work_meters work;
     double started; // prt_time_s()
 };
@@ -66,7 +71,6 @@ struct fresnel_table *prt_bake_fresnel(const struct prt_media *media);
 bool prt_bake_any_single(const struct bake *b);
 /* A log that drops every line. */
 void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
-struct lit_rows; /* sources.h */
 /* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.
  */
 struct tensor_job {

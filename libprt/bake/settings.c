@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The settings of a bake as JSON: provenance in the .prt and part of the key of shards.
-#include "bake/run.h"
+#include "bake/walks.h"
 
 #include <cjson/cJSON.h>
 #include <stdio.h>
@@ -50,6 +50,7 @@ char *prt_bake_describe(const struct bake *b)
     cJSON_AddStringToObject(json, "engine", engine[b->o.engine]);
     cJSON_AddStringToObject(json, "storage",
                             b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored");
+    cJSON_AddStringToObject(json, "scattering", b->walk ? "walk" : "dipole");
     if (b->o.draft) cJSON_AddBoolToObject(json, "draft", true);
     add_u64(json, "cube", b->o.cube);
     add_u64(json, "samples", b->surface ? b->surface->n_sample : 0);
@@ -61,6 +62,10 @@ char *prt_bake_describe(const struct bake *b)
     add_u64(json, "seed", b->o.seed);
     if (b->mesh->texture_split > 0)
         add_rounded(json, "texture_split", (double)b->mesh->texture_split);
+    if (b->walk) {
+        add_u64(json, "walks", b->walk->n_walk);
+        add_rounded(json, "walk_leaks", b->walk->leaked);
+    }
     add_u64(json, "clusters", b->clusters->n_cluster);
     add_u64(json, "rays_irradiance", b->rays_irradiance);
     add_u64(json, "rays_single", rays);

@@ -81,6 +81,19 @@ static int light_rows(const struct product_rows *p, const float *x, uint32_t m, 
     return PRT_OK;
 }
 
+// y = M_f y, [n_vertex][m].
+static int smooth_answers(const struct product_rows *p, uint32_t f, uint32_t m, float *y)
+{
+    const size_t n = p->n_vertex;
+    float *raw = prt_alloc(n * m, sizeof *raw);
+    if (!raw) return PRT_NOMEM;
+    memcpy(raw, y, n * m * sizeof *raw);
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n, 1,
+                p->smooth + f * n * n, (int)n, raw, (int)m, 0, y, (int)m);
+    prt_free(raw);
+    return PRT_OK;
+}
+
 int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     struct product_rows *p = user;
@@ -96,6 +109,7 @@ int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
             cblas_sgemm(CblasRowMajor, CblasTrans, CblasNoTrans, (int)p->n_vertex, (int)m,
                         (int)C, 1, p->cut->k + f * stride, (int)p->n_vertex, ex, (int)m, 0, y,
                         (int)m);
+        if (p->smooth) status = smooth_answers(p, f, m, y);
     }
     prt_free(ex);
     prt_work_end(p->work, WORK_PRODUCTS, started, 0,
@@ -122,8 +136,8 @@ static int weigh_rows(const struct product_rows *p, const float *q, uint32_t n, 
 }
 
 // U K_f^T into [r][C], rows `stride` apart.
-static void weights_of(const struct product_rows *p, const float *u, uint32_t r, uint32_t f,
-                       float *q, size_t stride)
+static void raw_weights(const struct product_rows *p, const float *u, uint32_t r, uint32_t f,
+                        float *q, size_t stride)
 {
     uint32_t C = p->cut->n_column;
     cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)r, (int)C, (int)p->n_vertex, 1, u,
@@ -132,15 +146,34 @@ static void weights_of(const struct product_rows *p, const float *u, uint32_t r,
     prt_work_count(p->work, WORK_PROJECTION, 0, 2.0 * r * (double)C * p->n_vertex);
 }
 
+// U M_f K_f^T.
+static int weights_of(const struct product_rows *p, const float *u, uint32_t r, uint32_t f,
+                      float *q, size_t stride)
+{
+    const size_t n = p->n_vertex;
+    if (!p->smooth) {
+        raw_weights(p, u, r, f, q, stride);
+        return PRT_OK;
+    }
+    float *um = prt_alloc(r * n + 1, sizeof *um);
+    if (!um) return PRT_NOMEM;
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)r, (int)n, (int)n, 1, u, (int)n,
+                p->smooth + f * n * n, (int)n, 0, um, (int)n);
+    raw_weights(p, um, r, f, q, stride);
+    prt_free(um);
+    return PRT_OK;
+}
+
 int prt_product_project(void *user, const float *u, uint32_t r, float *out)
 {
     struct product_rows *p = user;
     uint32_t C = p->cut->n_column, F = p->n_function;
     float *q = prt_alloc((size_t)r * F * C + 1, sizeof *q); // [r][F][C]
     if (!q) return PRT_NOMEM;
-    for (uint32_t f = 0; f < F && C; f++)
-        weights_of(p, u, r, f, q + (size_t)f * C, (size_t)F * C);
-    int status = weigh_rows(p, q, r * F, out);
+    int status = PRT_OK;
+    for (uint32_t f = 0; f < F && C && !status; f++)
+        status = weights_of(p, u, r, f, q + (size_t)f * C, (size_t)F * C);
+    if (!status) status = weigh_rows(p, q, r * F, out);
     prt_free(q);
     return status;
 }
@@ -154,8 +187,8 @@ int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, cons
     float *q = prt_calloc((size_t)n * C + 1, sizeof *q);    // [n][C]
     int status = one && q ? PRT_OK : PRT_NOMEM;
     for (uint32_t f = 0; f < F && C && !status; f++) {
-        weights_of(p, u, r, f, one, C);
-        for (uint32_t i = 0; i < n; i++)
+        status = weights_of(p, u, r, f, one, C);
+        for (uint32_t i = 0; i < n && !status; i++)
             cblas_saxpy((int)C, w[(size_t)i * F + f], one + (size_t)row[i] * C, 1,
                         q + (size_t)i * C, 1);
     }

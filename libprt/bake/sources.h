@@ -12,6 +12,7 @@ struct product_rows {
     uint32_t n_vertex, n_function;
     const struct lit_rows *lit; /* products with these lights need no others; or NULL */
     struct work_meters *work;   /* or NULL */
+    const float *smooth; /* [n_function][n_vertex][n_vertex] M_f in T_f = M_f K_f E; NULL: 1 */
 };
 /* All rows times the lights of a tensor: the clusters' cuts share most rows. */
 struct lit_rows {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Where the time of a bake goes: CPU seconds, rays and floating-point operations of each kind
+/* What a bake spends its time on: CPU seconds, rays and floating-point operations of each kind
  * of work, for `prt bake --profile`. */
 #ifndef PRT_BAKE_WORK_H
 #define PRT_BAKE_WORK_H
@@ -16,6 +16,8 @@
     X(WORK_NODES, "hierarchy")       /* means of the nodes */             \
     X(WORK_LIT_ROWS, "lit rows")     /* rows times probes */              \
     X(WORK_KERNEL, "kernel")         /* cuts and radial functions */      \
+    X(WORK_WALKS, "walks")           /* random walks: rays */             \
+    X(WORK_SMOOTH, "smoothing")      /* of the walks' noise */            \
     X(WORK_EXITS, "exits")           /* single scattering: rays */        \
     X(WORK_PATHS, "paths")           /* single scattering: integrals */   \
     X(WORK_PRODUCTS, "products")     /* responses to the probes */        \

@@ -139,7 +139,8 @@ static int read_old_scanline(struct reader *r, uint32_t n, uint8_t (*line)[4])
         }
         uint64_t run = shift < 32 ? (uint64_t)p[3] << shift : (uint64_t)n + 1;
         if (i == 0 || run > n - i)
-            return prt_fail(r->ctx, PRT_FORMAT, "%s: a run goes past its scanline", r->name);
+            return prt_fail(r->ctx, PRT_FORMAT, "%s: a run is longer than its scanline",
+                            r->name);
         for (; run; run--, i++) memcpy(line[i], line[i - 1], 4);
         shift += 8;
     }
@@ -163,7 +164,7 @@ static int read_scanline(struct reader *r, uint32_t n, uint8_t (*line)[4])
             const bool run = count > 128;
             count = run ? count - 128 : count;
             if (count == 0 || count > n - i)
-                return prt_fail(r->ctx, PRT_FORMAT, "%s: a run goes past its scanline",
+                return prt_fail(r->ctx, PRT_FORMAT, "%s: a run is longer than its scanline",
                                 r->name);
             if (!run && (size_t)(r->end - r->at) < count) return fail_truncated(r);
             for (uint32_t k = 0; k < count; k++) line[i + k][c] = run ? r->at[0] : r->at[k];

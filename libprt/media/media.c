@@ -98,7 +98,7 @@ int prt_media_assign(const struct prt_context *ctx, const struct prt_mesh *mesh,
 {
     const struct prt_material *others = NULL;
     unsigned n_name = 0;
-    if (n > PRT_MEDIA_MAX)
+    if (n > PRT_MEDIA_MAX + 1)
         return prt_fail(ctx, PRT_ARG, "%u materials by object: at most %d", n, PRT_MEDIA_MAX);
     const char **name = list_names(mesh, &n_name);
     uint8_t *named = prt_calloc(mesh->n_block, 1);

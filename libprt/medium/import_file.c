@@ -2,6 +2,7 @@
 // Files of other programs' materials, parsed in an isolated child.
 #include "import.h"
 
+#include <stdio.h>
 #include <unistd.h>
 
 // FILE or FILE#NAME.
@@ -139,19 +140,33 @@ bool prt_material_is_foreign(const char *name_or_file)
     return foreign;
 }
 
-int prt_material_load_foreign(const struct prt_context *ctx, const char *text,
-                              struct prt_material *out)
+// The one medium of r->file, which is freed.
+static int load_one(const struct prt_context *ctx, struct request *r, struct prt_material *out)
 {
-    struct request r = {.all = false};
     struct prt_import *item;
     unsigned n;
-    if (!split(text, &r)) return prt_fail(ctx, PRT_IO, "%s: no such file", text);
-    int status = prt_read_file(ctx, r.path, IMPORT_MAX_BYTES, &r.file);
-    if (status) return status;
-    status = import_isolated(ctx, &r, &item, &n);
-    prt_free(r.file.bytes);
+    int status = import_isolated(ctx, r, &item, &n);
+    prt_free(r->file.bytes);
     if (status) return status;
     *out = item->material;
     prt_free(item);
     return PRT_OK;
+}
+
+int prt_material_load_foreign(const struct prt_context *ctx, const char *text,
+                              struct prt_material *out)
+{
+    struct request r = {.all = false};
+    if (!split(text, &r)) return prt_fail(ctx, PRT_IO, "%s: no such file", text);
+    int status = prt_read_file(ctx, r.path, IMPORT_MAX_BYTES, &r.file);
+    return status ? status : load_one(ctx, &r, out);
+}
+
+int prt_material_load_foreign_fd(const struct prt_context *ctx, const char *what, int fd,
+                                 const char *name, struct prt_material *out)
+{
+    struct request r = {.name = name && *name ? name : NULL};
+    snprintf(r.path, sizeof r.path, "%s", what);
+    int status = prt_read_fd(ctx, what, fd, IMPORT_MAX_BYTES, &r.file);
+    return status ? status : load_one(ctx, &r, out);
 }

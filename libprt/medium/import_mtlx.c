@@ -74,67 +74,91 @@ static void read_opacity(const struct reading *r, const char *name, struct impor
     prt_import_lost(s, "opacity below 1", 1 - fmin(fmin(opacity[0], opacity[1]), opacity[2]));
 }
 
-static void read_open_pbr(const struct reading *r, struct import_shader *s)
+// What OpenPBR Surface and Autodesk Standard Surface call the same inputs, and where their
+// defaults differ.
+struct names {
+    const char *base_weight, *metal, *ior, *specular, *transmission, *scatter_g, *subsurface,
+        *subsurface_g, *anisotropy, *dispersion, *thin_walls, *emission, *opacity;
+    double roughness, subsurface_color; // defaults
+};
+static const struct names open_pbr = {.base_weight = "base_weight",
+                                      .metal = "base_metalness",
+                                      .ior = "specular_ior",
+                                      .specular = "specular_weight",
+                                      .transmission = "transmission_weight",
+                                      .scatter_g = "transmission_scatter_anisotropy",
+                                      .subsurface = "subsurface_weight",
+                                      .subsurface_g = "subsurface_scatter_anisotropy",
+                                      .anisotropy = "specular_roughness_anisotropy",
+                                      .dispersion = "transmission_dispersion_scale",
+                                      .thin_walls = "geometry_thin_walled",
+                                      .emission = "emission_luminance",
+                                      .opacity = "geometry_opacity",
+                                      .roughness = 0.3,
+                                      .subsurface_color = 0.8};
+static const struct names standard_surface = {.base_weight = "base",
+                                              .metal = "metalness",
+                                              .ior = "specular_IOR",
+                                              .specular = "specular",
+                                              .transmission = "transmission",
+                                              .scatter_g = "transmission_scatter_anisotropy",
+                                              .subsurface = "subsurface",
+                                              .subsurface_g = "subsurface_anisotropy",
+                                              .anisotropy = "specular_anisotropy",
+                                              .dispersion = "transmission_dispersion",
+                                              .thin_walls = "thin_walled",
+                                              .emission = "emission",
+                                              .opacity = "opacity",
+                                              .roughness = 0.2,
+                                              .subsurface_color = 1};
+
+static void read_common(const struct reading *r, const struct names *n, struct import_shader *s)
 {
     static const double grey[3] = {0.8, 0.8, 0.8}, white[3] = {1, 1, 1}, none[3] = {0, 0, 0};
-    double scale[3], weight = read_number(r, "base_weight", 1);
+    const double inside = n->subsurface_color, weight = read_number(r, n->base_weight, 1);
     read_color(r, "base_color", grey, s->base);
     for (int c = 0; c < 3; c++) s->base[c] *= weight;
-    s->metal = read_number(r, "base_metalness", 0);
-    s->ior = read_number(r, "specular_ior", 1.5);
-    s->specular = read_number(r, "specular_weight", 1);
-    s->roughness = read_number(r, "specular_roughness", 0.3);
-    s->transmission = read_weight(r, "transmission_weight");
+    s->metal = read_number(r, n->metal, 0);
+    s->ior = read_number(r, n->ior, 1.5);
+    s->specular = read_number(r, n->specular, 1);
+    s->roughness = read_number(r, "specular_roughness", n->roughness);
+    s->transmission = read_weight(r, n->transmission);
     read_color(r, "transmission_color", white, s->transmission_color);
     s->depth = read_length(r, "transmission_depth", 0);
     read_color(r, "transmission_scatter", none, s->scatter);
-    s->scatter_g = read_number(r, "transmission_scatter_anisotropy", 0);
-    s->subsurface = read_weight(r, "subsurface_weight");
-    read_color(r, "subsurface_color", grey, s->subsurface_color);
+    s->scatter_g = read_number(r, n->scatter_g, 0);
+    s->subsurface = read_weight(r, n->subsurface);
+    read_color(r, "subsurface_color", (double[]){inside, inside, inside}, s->subsurface_color);
+    s->subsurface_g = read_number(r, n->subsurface_g, 0);
+    prt_import_lost(s, "emission", read_number(r, n->emission, 0));
+    prt_import_lost(s, "dispersion", read_number(r, n->dispersion, 0));
+    prt_import_lost(s, "anisotropic roughness", read_number(r, n->anisotropy, 0));
+    prt_import_lost(s, "thin walls", read_number(r, n->thin_walls, 0));
+    read_opacity(r, n->opacity, s);
+}
+
+static void read_open_pbr(const struct reading *r, struct import_shader *s)
+{
+    double scale[3];
     double radius = read_length(r, "subsurface_radius", 1);
     (void)read_input(r, "subsurface_radius_scale", (double[]){1, 0.5, 0.25}, -1, scale);
     for (int c = 0; c < 3; c++) s->free_path[c] = radius * scale[c];
-    s->subsurface_g = read_number(r, "subsurface_scatter_anisotropy", 0);
     prt_import_lost(s, "coat", read_number(r, "coat_weight", 0));
     prt_import_lost(s, "fuzz", read_number(r, "fuzz_weight", 0));
     prt_import_lost(s, "thin film", read_number(r, "thin_film_weight", 0));
-    prt_import_lost(s, "emission", read_number(r, "emission_luminance", 0));
-    prt_import_lost(s, "dispersion", read_number(r, "transmission_dispersion_scale", 0));
-    prt_import_lost(s, "anisotropic roughness",
-                    read_number(r, "specular_roughness_anisotropy", 0));
-    prt_import_lost(s, "thin walls", read_number(r, "geometry_thin_walled", 0));
-    read_opacity(r, "geometry_opacity", s);
+    read_common(r, &open_pbr, s);
 }
 
 static void read_standard(const struct reading *r, struct import_shader *s)
 {
-    static const double grey[3] = {0.8, 0.8, 0.8}, white[3] = {1, 1, 1}, none[3] = {0, 0, 0};
-    double radius[3], weight = read_number(r, "base", 1);
-    read_color(r, "base_color", grey, s->base);
-    for (int c = 0; c < 3; c++) s->base[c] *= weight;
-    s->metal = read_number(r, "metalness", 0);
-    s->ior = read_number(r, "specular_IOR", 1.5);
-    s->specular = read_number(r, "specular", 1);
-    s->roughness = read_number(r, "specular_roughness", 0.2);
-    s->transmission = read_weight(r, "transmission");
-    read_color(r, "transmission_color", white, s->transmission_color);
-    s->depth = read_length(r, "transmission_depth", 0);
-    read_color(r, "transmission_scatter", none, s->scatter);
-    s->scatter_g = read_number(r, "transmission_scatter_anisotropy", 0);
-    s->subsurface = read_weight(r, "subsurface");
-    read_color(r, "subsurface_color", white, s->subsurface_color);
-    (void)read_input(r, "subsurface_radius", white, -1, radius);
+    double radius[3];
+    (void)read_input(r, "subsurface_radius", (double[]){1, 1, 1}, -1, radius);
     double scale = read_length(r, "subsurface_scale", 1);
     for (int c = 0; c < 3; c++) s->free_path[c] = radius[c] * scale;
-    s->subsurface_g = read_number(r, "subsurface_anisotropy", 0);
     prt_import_lost(s, "coat", read_number(r, "coat", 0));
     prt_import_lost(s, "sheen", read_number(r, "sheen", 0));
     prt_import_lost(s, "thin film", read_number(r, "thin_film_thickness", 0));
-    prt_import_lost(s, "emission", read_number(r, "emission", 0));
-    prt_import_lost(s, "dispersion", read_number(r, "transmission_dispersion", 0));
-    prt_import_lost(s, "anisotropic roughness", read_number(r, "specular_anisotropy", 0));
-    prt_import_lost(s, "thin walls", read_number(r, "thin_walled", 0));
-    read_opacity(r, "opacity", s);
+    read_common(r, &standard_surface, s);
 }
 
 static int read_shader(struct import_list *list, struct mtlx_graph *g, const char *name,

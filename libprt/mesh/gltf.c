@@ -3,6 +3,7 @@
 #include "gltf.h"
 
 #include "draco.h"
+#include "gltf_pose.h"
 
 #include <ctype.h>
 #include <stdio.h>
@@ -210,10 +211,19 @@ static void log_notes(const struct gltf *g)
         prt_log(g->d->ctx, PRT_LOG_NOTE,
                 "%s: %u primitives of points or lines, or without positions, are not loaded",
                 g->d->name, g->n_skipped);
-    if (g->n_deformed)
+    if (g->n_deformed && !g->pose)
         prt_log(g->d->ctx, PRT_LOG_NOTE,
                 "%s: skins and morph targets are not applied: the bind pose is used",
                 g->d->name);
+    if (g->n_deformed && g->pose)
+        prt_log(g->d->ctx, PRT_LOG_WARNING,
+                "%s: skins of %u Draco primitives are not applied: they keep their bind pose",
+                g->d->name, g->n_deformed);
+    if (g->n_channel_skipped)
+        prt_log(g->d->ctx, PRT_LOG_WARNING,
+                "%s: %u channels of the animation change something else than nodes and morph "
+                "weights; they are left out",
+                g->d->name, g->n_channel_skipped);
     if (g->n_bad_normal)
         prt_log(g->d->ctx, PRT_LOG_WARNING,
                 "%s: %u normals have no direction; they are computed from the triangles",
@@ -257,6 +267,9 @@ int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n)
     d->units_known = true;
     if (!status) status = parse(&g, bytes, n, json, json_n);
     if (!status) status = make_tables(&g);
+    if (!status) status = prt_gltf_animations(&g);
+    if (!status) status = prt_gltf_variants(&g);
+    if (!status && d->animation) status = prt_gltf_pose_begin(&g);
     if (!status) status = prt_gltf_walk(&g);
     if (!status) prt_gltf_settle_surfaces(&g);
     if (!status) log_notes(&g);

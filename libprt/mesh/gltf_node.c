@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The glTF node tree, walked without recursion.
-#include "gltf.h"
+#include "gltf_pose.h"
 
 #include <math.h>
 #include <string.h>
@@ -30,12 +30,17 @@ static int local_matrix(const struct gltf *g, size_t index, double m[16])
 {
     double t[3] = {0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
     const struct prt_gltf_node *node = &g->file.node[index];
+    const struct gltf_moment *moment = g->pose ? &g->pose->node[index] : NULL;
+    const bool moves = moment && (moment->has_t || moment->has_r || moment->has_s);
     int status = numbers(g, index, "matrix", &node->matrix, 16, m);
-    if (status || node->matrix.n) return status;
+    if (status || (node->matrix.n && !moves)) return status;
     if ((status = numbers(g, index, "translation", &node->translation, 3, t)) ||
         (status = numbers(g, index, "rotation", &node->rotation, 4, q)) ||
         (status = numbers(g, index, "scale", &node->scale, 3, s)))
         return status;
+    if (moves && moment->has_t) memcpy(t, moment->t, sizeof t);
+    if (moves && moment->has_r) memcpy(q, moment->r, sizeof q);
+    if (moves && moment->has_s) memcpy(s, moment->s, sizeof s);
     double l = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (!(l > 1e-9 && l < 1e9))
         return prt_gltf_bad(g, "node %zu: its rotation has no length", index);
@@ -62,7 +67,24 @@ struct walk {
     struct visit *stack; // [n_node + 1]: a path visits no node twice
     uint8_t *on_path;    // [n_node]
     size_t depth, visits;
+    int (*enter)(struct gltf *g, size_t node, const double *world);
 };
+
+// Cameras and meshes.
+static int enter_node(struct gltf *g, size_t node, const double *world)
+{
+    prt_gltf_add_camera(g, &g->file.node[node], world);
+    return prt_gltf_instance(g, node, world);
+}
+
+// Skins need the worlds of all their joints before the first mesh; a node with several parents
+// keeps the first.
+static int keep_world(struct gltf *g, size_t node, const double *world)
+{
+    if (!g->pose->has_world[node]) memcpy(g->pose->world[node], world, 16 * sizeof *world);
+    g->pose->has_world[node] = 1;
+    return PRT_OK;
+}
 
 static int visit_node(struct gltf *g, struct walk *w, int64_t which, const double *parent)
 {
@@ -87,8 +109,7 @@ static int visit_node(struct gltf *g, struct walk *w, int64_t which, const doubl
             return prt_gltf_bad(g, "node %zu: its transform is too large", index);
     w->on_path[index] = 1;
     w->depth++;
-    prt_gltf_add_camera(g, &g->file.node[index], v->m);
-    return prt_gltf_instance(g, index, v->m);
+    return w->enter(g, index, v->m);
 }
 
 static int walk_from(struct gltf *g, struct walk *w, int64_t root)
@@ -125,11 +146,12 @@ static int walk_roots(struct gltf *g, struct walk *w)
     return status;
 }
 
-int prt_gltf_walk(struct gltf *g)
+static int walk_scene(struct gltf *g,
+                      int (*enter)(struct gltf *g, size_t node, const double *world))
 {
     const struct prt_gltf_document *f = &g->file;
     struct walk w = {prt_gltf_own(g, (f->n_node + 1) * sizeof *w.stack),
-                     prt_gltf_own(g, f->n_node + 1), 0, 0};
+                     prt_gltf_own(g, f->n_node + 1), 0, 0, enter};
     uint64_t index = f->default_scene < 0 ? 0 : (uint64_t)f->default_scene;
     int status = PRT_OK;
     if (!w.stack || !w.on_path) return prt_gltf_no_memory(g);
@@ -144,4 +166,10 @@ int prt_gltf_walk(struct gltf *g)
     for (size_t i = 0; !status && i < f->scene[index].n; i++)
         status = walk_from(g, &w, f->scene[index].node[i]);
     return status;
+}
+
+int prt_gltf_walk(struct gltf *g)
+{
+    int status = g->pose ? walk_scene(g, keep_world) : PRT_OK;
+    return status ? status : walk_scene(g, enter_node);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // glTF meshes: primitives become blocks of triangles in world space.
-#include "gltf.h"
+#include "gltf_pose.h"
 
 #include "draco.h"
 
@@ -10,6 +10,7 @@
 
 struct instance {
     double m[16]; // column-major, world from node
+    size_t node, primitive;
     uint32_t object;
     bool opaque;
 };
@@ -252,6 +253,21 @@ static void clamp_colors(struct gltf *g, uint32_t first, uint32_t n)
         }
 }
 
+// Vertices in the world: by the node's transform, or in a pose by their skin.
+static int place(struct gltf *g, const struct instance *at, const struct corners *c,
+                 double *det)
+{
+    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    bool skinned = false;
+    double own = 1;
+    int status = g->pose ? prt_gltf_deform(g, at->node, at->primitive, c->first, c->n_vertex,
+                                           &skinned, &own)
+                         : PRT_OK;
+    if (!status) status = to_world(g, skinned ? identity : at->m, c->first, c->n_vertex, det);
+    if (skinned) *det = own;
+    return status;
+}
+
 static int finish_primitive(struct gltf *g, int64_t given, const struct instance *at,
                             struct corners *c, int mode)
 {
@@ -264,12 +280,14 @@ static int finish_primitive(struct gltf *g, int64_t given, const struct instance
     if (!status && !uv_finite(g, c->first, c->n_vertex))
         status = prt_gltf_bad(g, "a texture coordinate is not finite");
     clamp_colors(g, c->first, c->n_vertex);
-    if (!status) status = to_world(g, at->m, c->first, c->n_vertex, &det);
+    if (!status) status = place(g, at, c, &det);
     if (!status) {
         c->flip = det < 0;
         g->n_flat += det == 0;
         status = add_triangles(g, c, mode);
     }
+    if (!status)
+        material = (uint64_t)prt_gltf_variant_material(g, at->primitive, (int64_t)material);
     if (!status) status = prt_gltf_surface(g, (size_t)material, at->opaque, &surface);
     return status ? status
                   : prt_draft_block(g->d, (struct prt_block){at->object, surface, c->first,
@@ -289,7 +307,7 @@ static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,
         g->n_skipped++;
         return PRT_OK;
     }
-    g->n_deformed += p->targets;
+    g->n_deformed += p->targets && !g->pose;
     if (p->draco) {
         status = read_draco(g, p, &c);
     } else {
@@ -312,12 +330,13 @@ int prt_gltf_instance(struct gltf *g, size_t node_index, const double *world)
         return prt_gltf_bad(g, "node %zu: mesh %lld does not exist", node_index,
                             (long long)node->mesh);
     const struct prt_gltf_mesh *mesh = &g->file.mesh[node->mesh];
-    g->n_deformed += node->skin >= 0;
+    g->n_deformed += node->skin >= 0 && !g->pose;
     g->mesh_index = (size_t)node->mesh;
+    at->node = node_index;
     at->opaque = prt_draft_opaque(g->d, node->name);
     uint32_t before = g->d->n_block;
     if (!mesh->n) return prt_gltf_bad(g, "mesh %lld has no primitives", (long long)node->mesh);
-    for (size_t i = 0; i < mesh->n; i++)
-        if ((status = read_primitive(g, &mesh->primitive[i], at))) return status;
+    for (at->primitive = 0; at->primitive < mesh->n; at->primitive++)
+        if ((status = read_primitive(g, &mesh->primitive[at->primitive], at))) return status;
     return g->d->n_block > before ? prt_draft_object(g->d, node->name) : PRT_OK;
 }

@@ -27,6 +27,13 @@ struct prt_draft {
     uint32_t cap_object;
     struct prt_mesh_camera camera[PRT_MESH_MOST_CAMERAS];
     uint32_t n_camera;
+    const char *animation; // whose moment animation_time [s] is read; NULL: the bind pose
+    double animation_time;
+    struct prt_mesh_animation animations[PRT_MESH_MOST_ANIMATIONS];
+    uint32_t n_animation;
+    const char *variant; // of materials; NULL: the file's own
+    struct prt_mesh_variant variants[PRT_MESH_MOST_VARIANTS];
+    uint32_t n_variant;
     bool has_uv, units_known;
     // textures
     bool no_textures, has_color, has_maps;

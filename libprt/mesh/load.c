@@ -96,10 +96,17 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
         if (r->options->max_vertices) d.max_vertices = r->options->max_vertices;
         if (r->options->max_triangles) d.max_triangles = r->options->max_triangles;
         d.no_textures = r->options->no_textures;
+        d.animation = r->options->animation;
+        d.animation_time = r->options->time_s;
+        d.variant = r->options->variant;
     }
     if (d.max_vertices > 1u << 29) d.max_vertices = 1u << 29;
     if (d.max_triangles > 1u << 29) d.max_triangles = 1u << 29;
     int status = read_any(&d, file->bytes, file->size);
+    if (!status && d.variant && !d.n_variant)
+        status = prt_fail(ctx, PRT_ARG, "%s has no variants: leave --variant out", r->name);
+    if (!status && d.animation && !d.n_animation)
+        status = prt_fail(ctx, PRT_ARG, "%s has no animations: leave --animation out", r->name);
     if (!status && !d.n_triangle)
         status = prt_fail(ctx, PRT_FORMAT, "%s: has no triangles", r->name);
     if (!status) status = check_opaque(&d);

@@ -12,7 +12,7 @@ struct block_header {
     uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, has_uv, units_known;
     uint32_t n_uv, has_corner_uv, has_color, has_maps, n_image;
     uint64_t texel_bytes;
-    uint32_t n_camera;
+    uint32_t n_camera, n_animation, n_variant;
 };
 enum { HEADER = 128 }; // bytes kept for it
 _Static_assert(sizeof(struct block_header) <= HEADER, "header");
@@ -35,6 +35,8 @@ enum {
     IMAGE,
     TEXEL,
     CAMERA,
+    ANIMATION,
+    VARIANT,
     N_PART
 };
 struct layout {
@@ -60,7 +62,9 @@ static struct layout layout_of(const struct block_header *h)
         h->has_maps & 2 ? h->n_surface * sizeof(struct prt_volume) : 0,
         h->n_image * sizeof(struct prt_texture_image),
         h->texel_bytes,
-        h->n_camera * sizeof(struct prt_mesh_camera)};
+        h->n_camera * sizeof(struct prt_mesh_camera),
+        h->n_animation * sizeof(struct prt_mesh_animation),
+        h->n_variant * sizeof(struct prt_mesh_variant)};
     struct layout l;
     l.at[0] = HEADER;
     for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
@@ -109,7 +113,9 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
                              .has_maps = (d->has_maps ? 1u : 0) | (d->volume ? 2u : 0),
                              .n_image = d->n_image,
                              .texel_bytes = d->texel_bytes,
-                             .n_camera = d->n_camera};
+                             .n_camera = d->n_camera,
+                             .n_animation = d->n_animation,
+                             .n_variant = d->n_variant};
     struct layout l = layout_of(&h);
     char *bytes = l.at[N_PART] <= d->max_bytes ? prt_calloc(l.at[N_PART], 1) : NULL;
     if (!bytes) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory for its geometry", d->name);
@@ -122,6 +128,8 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
     memcpy(bytes + l.at[SURFACE], d->surface, d->n_surface * sizeof *d->surface);
     memcpy(bytes + l.at[OBJECT], d->object, d->n_object * sizeof *d->object);
     memcpy(bytes + l.at[CAMERA], d->camera, d->n_camera * sizeof *d->camera);
+    memcpy(bytes + l.at[ANIMATION], d->animations, d->n_animation * sizeof *d->animations);
+    memcpy(bytes + l.at[VARIANT], d->variants, d->n_variant * sizeof *d->variants);
     pack_textures(d, &l, bytes);
     *out = (struct prt_blob){bytes, l.at[N_PART]};
     return PRT_OK;
@@ -158,6 +166,17 @@ bool prt_mesh_cameras_ok(const struct prt_mesh *m)
             return false;
     }
     return m->n_camera <= PRT_MESH_MOST_CAMERAS;
+}
+
+static bool animations_ok(const struct prt_mesh *m)
+{
+    for (uint32_t i = 0; i < m->n_animation; i++)
+        if (!memchr(m->animation[i].name, 0, sizeof m->animation[i].name) ||
+            !(m->animation[i].duration_s >= 0 && m->animation[i].duration_s <= 1e9f))
+            return false;
+    for (uint32_t i = 0; i < m->n_variant; i++)
+        if (!memchr(m->variant[i].name, 0, sizeof m->variant[i].name)) return false;
+    return true;
 }
 
 // Blocks cover vertices and triangles in order; objects ascend without gaps.
@@ -226,7 +245,8 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
     struct layout l = layout_of(&h);
     if (h.magic != magic || h.n_vertex >> 30 || h.n_triangle >> 30 || !h.n_triangle ||
         h.n_uv > PRT_TEXTURE_MAX_UV || h.n_image >> 20 || h.texel_bytes > blob->size ||
-        h.n_camera > PRT_MESH_MOST_CAMERAS || l.at[N_PART] != blob->size)
+        h.n_camera > PRT_MESH_MOST_CAMERAS || h.n_animation > PRT_MESH_MOST_ANIMATIONS ||
+        h.n_variant > PRT_MESH_MOST_VARIANTS || l.at[N_PART] != blob->size)
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
                         name);
     struct prt_mesh *m = prt_calloc(1, sizeof *m);
@@ -247,12 +267,17 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
                            .surface = (void *)(b + l.at[SURFACE]),
                            .object = h.n_object ? (void *)(b + l.at[OBJECT]) : NULL,
                            .camera = h.n_camera ? (void *)(b + l.at[CAMERA]) : NULL,
-                           .n_camera = h.n_camera};
+                           .n_camera = h.n_camera,
+                           .animation = h.n_animation ? (void *)(b + l.at[ANIMATION]) : NULL,
+                           .n_animation = h.n_animation,
+                           .variant = h.n_variant ? (void *)(b + l.at[VARIANT]) : NULL,
+                           .n_variant = h.n_variant};
     open_textures(m, &h, &l, b);
     bool ok = finite_within(m->position[0], (size_t)m->n_vertex * 3, 1e15f) &&
               finite_within(m->normal[0], (size_t)m->n_vertex * 3, 1.001f) &&
               (!m->uv || finite_within(m->uv[0], (size_t)m->n_vertex * 2, 3e38f)) &&
-              surfaces_ok(m) && blocks_ok(m) && textures_ok(m) && prt_mesh_cameras_ok(m);
+              surfaces_ok(m) && blocks_ok(m) && textures_ok(m) && prt_mesh_cameras_ok(m) &&
+              animations_ok(m);
     if (!ok) {
         prt_free(m);
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",

@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: MIT
-// Reader of Wavefront OBJ. One block: vertices are the `v` lines in their order; polygons
-// become fans of triangles.
+// Reader of Wavefront OBJ. Vertices are the `v` lines in their order; polygons become fans of
+// triangles. Objects, groups and materials become blocks where they divide the vertices
+// (obj_parts.c), else the file is one block.
 #include "internal.h"
 #include "obj_material.h"
+#include "obj_parts.h"
 #include "text.h"
 
 #include <errno.h>
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 struct list {
@@ -19,9 +23,10 @@ struct obj {
     locale_t c;
     size_t line;
     struct list vn, vt;
-    char surface[64], library[256];
+    char library[256];
     uint32_t cap_corner; // of d->corner_uv
-    bool many_surfaces, opaque, uv_seam;
+    struct obj_parts parts;
+    bool uv_seam;
     uint8_t *has_uv; // [cap_uv] which vertices have one
     uint32_t cap_uv;
 };
@@ -168,6 +173,7 @@ static int read_face(struct obj *o, const char *p)
         if (n >= 2 &&
             ((status = prt_draft_triangle(o->d, (uint32_t)first.v, (uint32_t)last.v,
                                           (uint32_t)next.v)) ||
+             (status = prt_obj_parts_triangle(o->d, &o->parts)) ||
              (status = store_corner_uv(o, (const struct corner *[3]){&first, &last, &next}))))
             return status;
         if (n == 0) first = next;
@@ -212,16 +218,14 @@ static int read_line(struct obj *o, const char *p)
     }
     if (is_word(p, "usemtl", &rest)) {
         take_name(rest, name, sizeof name);
-        o->many_surfaces |= o->surface[0] && strcmp(o->surface, name);
-        if (!o->surface[0]) memcpy(o->surface, name, sizeof name);
-        o->opaque |= prt_draft_opaque(o->d, name);
+        prt_obj_parts_name(&o->parts, 'm', name);
     } else if (is_word(p, "mtllib", &rest)) {
         take_name(rest, o->library, sizeof o->library);
     } else if (is_word(p, "o", &rest) || is_word(p, "g", &rest)) {
         take_name(rest, name, sizeof name);
-        o->opaque |= prt_draft_opaque(o->d, name);
+        prt_obj_parts_name(&o->parts, p[0], name);
     }
-    return PRT_OK; // groups, smoothing, lines, points and curves carry no triangles
+    return PRT_OK; // smoothing, lines, points and curves carry no triangles
 }
 
 static void unit_normals(struct prt_draft *d)
@@ -234,23 +238,32 @@ static void unit_normals(struct prt_draft *d)
     }
 }
 
-// The library's material of this object; *mapped where it has maps or emits light.
-static int read_library(const struct obj *o, struct prt_surface *surface,
-                        struct prt_surface_maps *maps, bool *mapped)
+// The library's text, for all materials; empty where there is none or it is left out.
+static struct prt_blob read_library(const struct obj *o)
 {
     struct prt_draft *d = o->d;
     const struct prt_context *user, lenient = prt_draft_lenient(d, &user);
     struct prt_blob file = {NULL, 0};
+    if (*o->library && !d->no_textures)
+        (void)prt_draft_file(d, &lenient, "material", o->library, 64 << 20, &file);
+    return file;
+}
+
+// The library's material of this name; *mapped where it has maps or emits light.
+static int find_material(const struct obj *o, const struct prt_blob *library, const char *name,
+                         struct prt_surface *surface, struct prt_surface_maps *maps,
+                         bool *mapped)
+{
+    struct prt_draft *d = o->d;
     struct obj_material m;
-    if (!*o->library || d->no_textures) return PRT_OK;
-    if (prt_draft_file(d, &lenient, "material", o->library, 64 << 20, &file)) return PRT_OK;
+    *mapped = false;
+    if (!library->bytes) return PRT_OK;
     prt_obj_material_init(&m);
-    memcpy(m.name, o->surface, sizeof m.name);
-    prt_obj_material_parse(d, file.bytes, &m);
-    prt_free(file.bytes);
+    snprintf(m.name, sizeof m.name, "%s", name);
+    prt_obj_material_parse(d, library->bytes, &m);
     if (!m.found) {
         prt_log(d->ctx, PRT_LOG_WARNING, "%s: %s has no material \"%s\"", d->name, o->library,
-                o->surface);
+                name);
         return PRT_OK;
     }
     int status = prt_obj_material_apply(d, &m, surface, maps);
@@ -259,36 +272,65 @@ static int read_library(const struct obj *o, struct prt_surface *surface,
     return status;
 }
 
-static int finish(struct obj *o)
+static int add_surface(struct obj *o, const struct prt_blob *library, const char *name,
+                       bool opaque, uint32_t *index)
 {
     struct prt_draft *d = o->d;
     struct prt_surface s;
-    uint32_t index;
+    struct prt_surface_maps maps;
+    bool mapped;
+    prt_surface_default(&s, *name ? name : NULL);
+    s.translucent = !opaque;
+    int status = find_material(o, library, name, &s, &maps, &mapped);
+    if (!status) status = prt_draft_surface(d, &s, index);
+    if (status || !mapped) return status;
+    struct prt_surface_maps *own = prt_draft_maps(d, *index);
+    if (!own) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
+    *own = maps;
+    return PRT_OK;
+}
+
+// Surfaces, objects and blocks of the parts, which are in the order of their vertices.
+static int add_parts(struct obj *o, const struct prt_blob *library)
+{
+    struct prt_draft *d = o->d;
+    const struct obj_parts *parts = &o->parts;
+    uint32_t surface[OBJ_MOST_PARTS];
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < parts->n && !status; i++) {
+        const struct obj_part *p = &parts->part[i];
+        uint32_t same = 0;
+        while (same < i && (strcmp(parts->part[same].surface, p->surface) ||
+                            parts->part[same].opaque != p->opaque))
+            same++;
+        surface[i] = surface[same];
+        if (same == i) status = add_surface(o, library, p->surface, p->opaque, &surface[i]);
+        if (!status && p->begins_object) status = prt_draft_object(d, p->object);
+        if (!status)
+            status = prt_draft_block(d, (struct prt_block){.object = d->n_object - 1,
+                                                           .surface = surface[i],
+                                                           .vertex_begin = p->vertex_begin,
+                                                           .n_vertex = p->n_vertex,
+                                                           .triangle_begin = p->triangle_begin,
+                                                           .n_triangle = p->n_triangle});
+    }
+    return status;
+}
+
+static int finish(struct obj *o)
+{
+    struct prt_draft *d = o->d;
     unit_normals(d);
     if (!o->uv_seam) {
         free(d->corner_uv);
         d->corner_uv = NULL;
     }
-    if (o->many_surfaces)
-        prt_log(
-            d->ctx, PRT_LOG_WARNING,
-            "%s: an OBJ is read as one object of one material; its other materials are ignored",
-            d->name);
-    prt_surface_default(&s, o->surface[0] ? o->surface : NULL);
-    s.translucent = !o->opaque;
-    struct prt_surface_maps maps;
-    bool mapped = false;
-    int status = read_library(o, &s, &maps, &mapped);
-    if (!status) status = prt_draft_surface(d, &s, &index);
-    if (!status && mapped) {
-        struct prt_surface_maps *own = prt_draft_maps(d, index);
-        if (own) *own = maps;
-        else status = prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
-    }
-    if (!status) status = prt_draft_object(d, NULL);
-    return status ? status
-                  : prt_draft_block(d, (struct prt_block){.n_vertex = d->n_vertex,
-                                                          .n_triangle = d->n_triangle});
+    int status = prt_obj_parts_settle(d, &o->parts);
+    if (status) return status;
+    struct prt_blob library = read_library(o);
+    status = add_parts(o, &library);
+    prt_free(library.bytes);
+    return status;
 }
 
 int prt_read_obj(struct prt_draft *d, const char *text, size_t n)
@@ -308,6 +350,7 @@ int prt_read_obj(struct prt_draft *d, const char *text, size_t n)
     free(o.vn.x);
     free(o.vt.x);
     free(o.has_uv);
+    prt_obj_parts_finish(&o.parts);
     freelocale(o.c);
     return status;
 }

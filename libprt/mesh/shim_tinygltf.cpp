@@ -172,6 +172,7 @@ prt_gltf_accessor accessor_of(const tinygltf::Accessor &a)
                     : a.type == TINYGLTF_TYPE_VEC2 ? 2
                     : a.type == TINYGLTF_TYPE_VEC3 ? 3
                     : a.type == TINYGLTF_TYPE_VEC4 ? 4
+                    : a.type == TINYGLTF_TYPE_MAT4 ? 16
                                                    : 0;
     o.normalized = a.normalized;
     o.sparse = a.sparse.isSparse;

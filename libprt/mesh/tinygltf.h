@@ -34,7 +34,7 @@ struct prt_gltf_accessor {
     int64_t view;
     uint64_t offset, count;
     int component;        // 5120..5130
-    unsigned n_component; // 0: none of SCALAR, VEC2, VEC3, VEC4
+    unsigned n_component; // 0: none of SCALAR, VEC2, VEC3, VEC4, MAT4
     bool normalized, sparse;
     int64_t sparse_count, index_view, index_offset, value_view, value_offset;
     int index_component;

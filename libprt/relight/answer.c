@@ -27,6 +27,7 @@ struct answer {
     unsigned n_plane;
     unsigned n_phase; // planes that the tensors fill; the view's correction may need more
     bool view;        // single scattering is corrected for the view (view_correction.c)
+    bool apart;       // planes of multiple scattering first, then those of single scattering
     enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
     float *planes;                                        // [n_plane][n_vertex][3]
     unsigned done;                         // bit i: tensor i has been added to the planes
@@ -40,8 +41,10 @@ static bool is_free(const struct prt_tensor *t)
 
 static bool is_term(const struct prt_query *query, const struct prt_tensor *t)
 {
-    return query->term == PRT_ANSWER_TOTAL ||
-           (t->term == PRT_TERM_SINGLE) == (query->term == PRT_ANSWER_SINGLE);
+    static const uint32_t of[] = {[PRT_ANSWER_MULTIPLE] = PRT_TERM_MULTIPLE,
+                                  [PRT_ANSWER_SINGLE] = PRT_TERM_SINGLE,
+                                  [PRT_ANSWER_UNSCATTERED] = PRT_TERM_UNSCATTERED};
+    return query->term == PRT_ANSWER_TOTAL || t->term == of[query->term];
 }
 
 static bool is_wanted(const struct answer *a, const struct prt_tensor *t)
@@ -283,6 +286,13 @@ struct group {
     unsigned n;
 };
 
+// Rows of a cluster that colours are made of: even, since kernels take columns of U in pairs.
+static uint32_t color_rank(const struct answer *a)
+{
+    const uint32_t most = a->query->most_rank;
+    return most + most % 2;
+}
+
 static int contract_group(const struct group *g, const struct prt_tensor *t, float **own,
                           const float **out)
 {
@@ -292,11 +302,10 @@ static int contract_group(const struct group *g, const struct prt_tensor *t, flo
         *out = prt_contracted_light_rows(a->query->lit, t);
         return PRT_OK;
     }
+    const uint32_t most = a->coefficients ? a->coefficients->most_rank : color_rank(a);
     for (unsigned i = 0; i < g->n; i++) light[i] = &g->answer[i]->light;
     *out = *own = prt_alloc(g->n * prt_contracted_light_floats(t), sizeof **own);
-    return *own ? prt_contract_lights(a->ctx, t, g->n, light,
-                                      a->coefficients ? a->coefficients->most_rank : 0, *own)
-                : PRT_NOMEM;
+    return *own ? prt_contract_lights(a->ctx, t, g->n, light, most, *own) : PRT_NOMEM;
 }
 
 // The factor of every plane of each medium; add_tensor says why plane 0 has Y_00.
@@ -335,6 +344,7 @@ static int make_input(const struct group *g, const struct prt_tensor *t, struct 
     o->part.factor = (const float(*)[3])o->factor;
     o->part.dark = o->dark;
     o->part.medium = o->medium;
+    o->part.most_rank = a->coefficients || a->query->lit ? 0 : color_rank(a);
     return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory to apply a material")
                                : status;
 }
@@ -425,6 +435,28 @@ static bool any_single(const struct prt_media *media)
     return any;
 }
 
+// Media scatter evenly unless some g is not 0: their planes from 1 on are 0.
+static bool all_even(const struct prt_media *media)
+{
+    bool even = true;
+    for (uint32_t i = 0; i < media->n; i++) {
+        const struct prt_material *m = &media->medium[i];
+        even &= !m->profile && m->g[0] == 0 && m->g[1] == 0 && m->g[2] == 0;
+    }
+    return even;
+}
+
+// The planes of multiple scattering and of the phases behind it.
+static unsigned apart_count(const struct answer *a)
+{
+    bool single = false;
+    for (uint32_t i = 0; i < a->transport->n_tensor && any_single(a->media); i++)
+        single |= a->transport->tensor[i].term == PRT_TERM_SINGLE &&
+                  is_term(a->query, &a->transport->tensor[i]);
+    const unsigned n = !single ? 1 : all_even(a->media) ? 2 : 1 + a->n_phase;
+    return n < a->query->most_apart ? n : a->query->most_apart;
+}
+
 // toward: the view is known, or the planes are shaded for one later.
 static void answer_init(struct answer *a, const struct prt_context *ctx,
                         const struct prt_transport *transport, const struct prt_query *query,
@@ -437,7 +469,10 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
                          .n_vertex = transport->mesh.n_vertex,
                          .n_phase = plane_count(transport, query)};
     a->n_plane = a->n_phase;
-    for (uint32_t i = 0; i < transport->n_tensor && toward && any_single(a->media); i++)
+    a->apart = toward && query->most_apart;
+    if (a->apart) a->n_plane = apart_count(a);
+    for (uint32_t i = 0; i < transport->n_tensor && toward && !a->apart && any_single(a->media);
+         i++)
         a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
                    is_term(query, &transport->tensor[i]);
     if (a->view && a->n_plane < 4) a->n_plane = 4;
@@ -502,7 +537,8 @@ static void group_answers(struct answer *a, unsigned n, const bool filled[], str
     *g = (struct group){{a}, 1};
     for (unsigned i = 1; i < n && only_light(a); i++)
         if (!filled[i] && only_light(&a[i]) && a[i].query->term == a->query->term &&
-            a[i].query->exit == a->query->exit && a[i].n_plane == a->n_plane &&
+            a[i].query->exit == a->query->exit &&
+            a[i].query->most_rank == a->query->most_rank && a[i].n_plane == a->n_plane &&
             same_layers(a[i].coefficients, a->coefficients))
             g->answer[g->n++] = &a[i];
     if (g->n == 2) g->n = 1;
@@ -600,14 +636,38 @@ static int fill_corrected(struct answer *a, unsigned n)
     return status;
 }
 
+// Answers whose terms are kept apart.
+static int fill_apart(struct answer *a, unsigned n)
+{
+    struct answer part[PRT_RELIGHT_MAX_LIGHTS];
+    unsigned m = 0;
+    for (unsigned i = 0; i < n; i++) {
+        part[i] = a[i];
+        part[i].part = ALL_BUT_SINGLE;
+        part[i].n_plane = 1;
+    }
+    int status = fill_many(part, n);
+    for (unsigned i = 0; i < n; i++) {
+        if (a[i].n_plane < 2) continue;
+        part[m] = a[i];
+        part[m].part = ONLY_SINGLE;
+        part[m].n_plane = a[i].n_plane - 1;
+        part[m++].planes = a[i].planes + 3 * a[i].n_vertex;
+    }
+    return status || !m ? status : fill_many(part, m);
+}
+
 static int fill_answers(struct answer *a, unsigned n)
 {
-    struct answer plain[PRT_RELIGHT_MAX_LIGHTS], view[PRT_RELIGHT_MAX_LIGHTS];
-    unsigned n_plain = 0, n_view = 0;
+    struct answer plain[PRT_RELIGHT_MAX_LIGHTS], view[PRT_RELIGHT_MAX_LIGHTS],
+        apart[PRT_RELIGHT_MAX_LIGHTS];
+    unsigned n_plain = 0, n_view = 0, n_apart = 0;
     for (unsigned i = 0; i < n; i++)
-        if (a[i].view) view[n_view++] = a[i];
+        if (a[i].apart) apart[n_apart++] = a[i];
+        else if (a[i].view) view[n_view++] = a[i];
         else plain[n_plain++] = a[i];
     int status = n_plain ? fill_many(plain, n_plain) : PRT_OK;
+    if (!status && n_apart) status = fill_apart(apart, n_apart);
     return status || !n_view ? status : fill_corrected(view, n_view);
 }
 
@@ -681,7 +741,8 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
     const bool total = a->query->term == PRT_ANSWER_TOTAL;
     const float *plane = a->planes;
     float *color = job->color[0];
-    if (a->query->eye && translucent && a->query->term != PRT_ANSWER_MULTIPLE) {
+    const bool seen = total || a->query->term == PRT_ANSWER_SINGLE;
+    if (a->query->eye && translucent && seen) {
         const uint32_t medium = prt_media_index(a->media, object);
         for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, medium, job->color[v]);
         return;
@@ -776,17 +837,6 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
 }
 
 // ---- coefficients
-
-// Media scatter evenly unless some g is not 0: their planes from 1 on are 0.
-static bool all_even(const struct prt_media *media)
-{
-    bool even = true;
-    for (uint32_t i = 0; i < media->n; i++) {
-        const struct prt_material *m = &media->medium[i];
-        even &= !m->profile && m->g[0] == 0 && m->g[1] == 0 && m->g[2] == 0;
-    }
-    return even;
-}
 
 int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transport *transport,
                           const struct prt_query *query, struct prt_coefficients *c)

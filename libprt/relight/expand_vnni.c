@@ -116,7 +116,7 @@ void prt_expand_vnni(const struct expand_job *job)
     uint32_t t = 0;
     for (uint32_t nt; t < n; t += nt) {
         nt = n - t >= 8 ? 8 : 4;
-        if (!scale_columns(job, t, nt, &q)) break; // the rest goes in floating point
+        if (!scale_columns(job, t, nt, &q)) break; // floating point takes the rest
         if (nt == 8) expand_blocks(job, &q, t, 8, 1, integer_tile);
         else expand_blocks(job, &q, t, 4, 2, integer_tile);
     }

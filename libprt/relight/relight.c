@@ -106,7 +106,7 @@ static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 // Lights of a group share one pass over the rows. Two single passes take less time than a group
-// of two. With `together` every light goes in a group: results of a row's lights are adjacent.
+// of two. With `together` every light is in a group: results of a row's lights are adjacent.
 static unsigned group_size(unsigned left, bool together)
 {
     return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;

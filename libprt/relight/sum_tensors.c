@@ -55,7 +55,7 @@ const float *prt_fold_cluster(const struct prt_kernels *kernels, const struct pr
     return to;
 }
 
-// Plane by plane, because each plane's factor goes into the coefficients.
+// Plane by plane, because the coefficients contain each plane's factor.
 static void sum_radial(const struct sum_run *run, const struct prt_term_input *p,
                        uint32_t cluster, struct expand_job *job, float *coef)
 {
@@ -84,11 +84,12 @@ static void sum_piece(const struct sum_run *run, const struct expand_piece *piec
     const struct prt_tensor *t = p->tensor;
     const struct prt_cluster *c = &t->cluster[piece->cluster];
     const bool dark = p->dark && p->dark[piece->cluster];
+    const uint32_t rank = p->most_rank && c->rank > p->most_rank ? p->most_rank : c->rank;
     const unsigned planes = planes_of(p, run->n_plane);
     float *color[MOST_TRIPLES];
     struct expand_job job = {.u = t->u + c->u_begin,
                              .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
-                             .rank = dark ? 0 : c->rank,
+                             .rank = dark ? 0 : rank,
                              .b = scratch,
                              .b_stride = 3 * (size_t)planes * run->n_light,
                              .n_triple = planes * run->n_light,
@@ -105,7 +106,7 @@ static void sum_piece(const struct sum_run *run, const struct expand_piece *piec
     for (unsigned i = 0; i < job.n_triple; i++)
         color[i] = run->color[i / planes * run->n_plane + i % planes];
     if (job.rank)
-        job.b = prt_fold_cluster(run->kernels, p, piece->cluster, c->rank, run->n_light,
+        job.b = prt_fold_cluster(run->kernels, p, piece->cluster, rank, run->n_light,
                                  run->n_plane, scratch);
     run->kernels->expand(&job);
 }

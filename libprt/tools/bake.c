@@ -34,6 +34,8 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--basis is for --transport polynomial");
+    if (o->scattering && !strcmp(o->scattering, "walk") && engine != PRT_TRANSPORT_WAVELET)
+        return usage_error(o, "--scattering walk is for --transport wavelet: give a material");
     if (o->draft && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--draft is for --transport wavelet and joint");
     if (sparse && (o->rank || o->basis_coeffs))
@@ -64,6 +66,9 @@ static struct prt_bake_options bake_options(const struct options *o,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
         .draft = o->draft,
+        .scattering = o->scattering && !strcmp(o->scattering, "walk") ? PRT_SCATTERING_WALK
+                                                                      : PRT_SCATTERING_DIPOLE,
+        .n_walk = (uint32_t)o->walks,
         .every_ray = o->every_ray,
         .max_error = o->max_error,
         .rotate_deg = o->rotate_deg,
@@ -121,10 +126,28 @@ static void report_errors(const char *errors)
         if (multiple < 0) continue;
         printf("error under %s:", light[i][1]);
         print_error(" multiple scattering", multiple);
+        print_error(", unscattered", number_of(root, "unscattered", light[i][0]));
         print_error(", single", number_of(root, "single", light[i][0]));
         print_error(", together", number_of(root, "together", light[i][0]));
+        print_error("; with the single scattering that a draft leaves out",
+                    number_of(root, "total", light[i][0]));
         putchar('\n');
     }
+    const cJSON *noise = cJSON_GetObjectItemCaseSensitive(root, "walk_noise");
+    if (cJSON_IsNumber(noise))
+        printf("these are against walks of the reference, whose noise is taken out; the bake's "
+               "own walks leave a noise of %.2g %% under random lights\n",
+               100 * noise->valuedouble);
+    const double sky = number_of(root, "dipole", "sky");
+    const cJSON *dipole = cJSON_GetObjectItemCaseSensitive(root, "dipole");
+    const cJSON *dark = cJSON_GetObjectItemCaseSensitive(dipole, "darkest");
+    const cJSON *bright = cJSON_GetObjectItemCaseSensitive(dipole, "brightest");
+    if (sky >= 0 && cJSON_IsNumber(dark) && cJSON_IsNumber(bright))
+        printf(
+            "the dipole would err by %.2g %% under the even sky; at one vertex in fifty by more "
+            "than %+.2g %%, at one by more than %+.2g %% (prt image --term difference shows "
+            "where)\n",
+            100 * sky, 100 * dark->valuedouble, 100 * bright->valuedouble);
     double view = number_of(root, "single_toward_eyes", "worst");
     if (view >= 0) {
         print_error("single scattering towards an eye, which is corrected for the view only on "

@@ -106,7 +106,11 @@ static int report(const struct tool *tool, const struct values *a, const struct 
         cJSON_AddNumberToObject(root, "count", (double)a->n);
         cJSON_AddItemToObject(root, "rmse", number(d->rmse));
         cJSON_AddItemToObject(root, "rmse_rgb", channels);
-        if (b->noise > 0) cJSON_AddNumberToObject(root, "reference_noise", b->noise);
+        if (b->noise > 0) {
+            const double left = d->rmse * d->rmse - b->noise * b->noise;
+            cJSON_AddNumberToObject(root, "reference_noise", b->noise);
+            cJSON_AddNumberToObject(root, "rmse_without_noise", sqrt(fmax(left, 0)));
+        }
         cJSON_AddItemToObject(root, "max_abs", number(d->max_abs));
         cJSON_AddNumberToObject(root, "max_abs_at", (double)d->max_at);
         if (o->max_rmse_set) cJSON_AddBoolToObject(root, "within", within);
@@ -118,7 +122,10 @@ static int report(const struct tool *tool, const struct values *a, const struct 
         printf("relative RMSE %.6g  (r %.6g  g %.6g  b %.6g)\n", d->rmse, d->channel[0],
                d->channel[1], d->channel[2]);
         if (b->noise > 0)
-            printf("standard error of the reference's walks %.3g of its colours\n", b->noise);
+            printf(
+                "standard error of the reference's walks %.3g of its colours; without it the "
+                "relative RMSE is %.3g\n",
+                b->noise, sqrt(fmax(d->rmse * d->rmse - b->noise * b->noise, 0)));
         if (a->width)
             printf("max |A-B| %.6g at pixel %zu,%zu of %ux%u\n", d->max_abs,
                    d->max_at % a->width, d->max_at / a->width, a->width, a->height);
@@ -147,7 +154,8 @@ static int reference_at(struct tool *tool, const struct source *source,
                         const struct prt_cube *light, const float *eye, const uint32_t *pick,
                         uint32_t n, float *rgb, double *noise)
 {
-    struct prt_reference_options options = reference_options(&tool->opt, tool->opt.term, eye);
+    struct prt_reference_options options =
+        reference_options(&tool->opt, source, tool->opt.term, eye);
     float(*error)[3] = options.n_walk ? prt_alloc(n, sizeof *error) : NULL;
     options.vertex = pick;
     options.n_vertex = n;

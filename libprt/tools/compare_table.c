@@ -176,7 +176,7 @@ static int load_lights(struct table *t)
 static int fill_reference(struct table *t, const float *eye)
 {
     const struct options *o = &t->tool->opt;
-    struct prt_reference_options options = reference_options(o, o->term, eye);
+    struct prt_reference_options options = reference_options(o, &t->source, o->term, eye);
     if (!o->samples) options.n_sample = TABLE_SAMPLES;
     if (!o->rays) options.n_ray = TABLE_RAYS;
     options.vertex = t->vertex;

@@ -161,7 +161,7 @@ static bool is_copy(const struct options *o, const struct prt_env *env,
            o->width == env->latlong.width && o->height == env->latlong.height;
 }
 
-// Every other conversion goes through a cube, which is the light that the engines use.
+// Every other conversion passes through a cube, which is the light that the engines use.
 static int convert(const struct tool *tool, const struct prt_env *env,
                    const struct layout *layout, struct prt_image *out, double after[3])
 {

@@ -130,6 +130,18 @@ static void add_cameras(cJSON *root, const struct prt_mesh *mesh)
     }
 }
 
+// Names for --variant; durations in seconds by name, for --animation and --time.
+static void add_animations(cJSON *root, const struct prt_mesh *mesh)
+{
+    cJSON *variants = mesh->n_variant ? cJSON_AddArrayToObject(root, "variants") : NULL;
+    for (uint32_t i = 0; i < mesh->n_variant; i++)
+        cJSON_AddItemToArray(variants, cJSON_CreateString(mesh->variant[i].name));
+    cJSON *list = mesh->n_animation ? cJSON_AddObjectToObject(root, "animations_s") : NULL;
+    for (uint32_t i = 0; i < mesh->n_animation; i++)
+        cJSON_AddNumberToObject(list, mesh->animation[i].name,
+                                round((double)mesh->animation[i].duration_s * 1e6) * 1e-6);
+}
+
 // Ranks of the clusters that have any: dense numbers a vertex.
 static void add_ranks(cJSON *o, const struct prt_tensor *t)
 {
@@ -209,7 +221,8 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     double rank = 0;
     for (uint32_t i = 0; i < t->n_cluster; i++)
         rank += (double)t->cluster[i].rank * t->cluster[i].n_vertex;
-    cJSON_AddStringToObject(o, "term", t->term == PRT_TERM_SINGLE ? "single" : "multiple");
+    static const char *const terms[] = {"multiple", "single", "unscattered"};
+    cJSON_AddStringToObject(o, "term", t->term < 3 ? terms[t->term] : "unknown");
     cJSON_AddStringToObject(o, "storage", t->storage < 3 ? storages[t->storage] : "unknown");
     cJSON_AddStringToObject(o, "coupling",
                             t->coupling == PRT_COUPLE_FULL ? "full" : "diagonal");
@@ -303,7 +316,7 @@ static void add_media(const struct tool *tool, cJSON *root, const struct prt_mes
         struct prt_material m;
         char text[PRT_MATERIAL_SUMMARY];
         if (!mesh->surface[i].translucent || !mesh->volume[i].kind ||
-            !surface_material(tool, mesh, i, 1000, &m))
+            !prt_media_of_surface(&tool->ctx, mesh, i, 1000, &m))
             continue;
         prt_material_summary(&m, text, sizeof text);
         add_parsed(cJSON_GetArrayItem(list, (int)i), "medium", text);
@@ -328,12 +341,13 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
     struct prt_mesh *mesh;
     struct prt_mesh_options options = source_mesh_options(&tool->opt);
     int status = prt_mesh_load(&tool->ctx, path, &options, &mesh);
-    if (status == PRT_ARG && options.opaque) return EXIT_USAGE;
+    if (status == PRT_ARG && (options.opaque || options.variant)) return EXIT_USAGE;
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     cJSON_AddStringToObject(root, "kind", "model");
     add_mesh(root, mesh);
     add_media(tool, root, mesh);
     add_cameras(root, mesh);
+    add_animations(root, mesh);
     prt_mesh_destroy(mesh);
     return EXIT_DONE;
 }

@@ -57,7 +57,8 @@ static int read_model(struct tool *tool, struct media *out)
         snprintf(item->name, sizeof item->name, "%s", s->name);
         snprintf(item->format, sizeof item->format, "glTF");
         bool given = mesh->volume && mesh->volume[i].kind && s->translucent;
-        item->has_medium = given && surface_material(tool, mesh, i, unit, &item->material);
+        item->has_medium =
+            given && prt_media_of_surface(&tool->ctx, mesh, i, unit, &item->material);
         snprintf(item->why_not, sizeof item->why_not, "%s",
                  given ? "it has no attenuation distance" : "it is opaque, or has no volume");
     }

@@ -28,24 +28,6 @@ static int read_given(struct tool *tool, struct given *g)
     return EXIT_DONE;
 }
 
-// The media of the file's own materials into own[n_surface] and of_block. Prints what they are.
-static void read_own(const struct tool *tool, const struct prt_mesh *mesh,
-                     struct prt_material *own, const struct prt_material *of_block[])
-{
-    for (uint32_t i = 0; i < mesh->n_surface; i++) {
-        char text[PRT_MATERIAL_SUMMARY];
-        bool used = false;
-        for (uint32_t b = 0; b < mesh->n_block; b++)
-            used |= mesh->block[b].surface == i && !of_block[b] && mesh->surface[i].translucent;
-        if (!used || !surface_material(tool, mesh, i, (double)mesh->mm_per_unit, &own[i]))
-            continue;
-        for (uint32_t b = 0; b < mesh->n_block; b++)
-            if (mesh->block[b].surface == i && !of_block[b]) of_block[b] = &own[i];
-        prt_material_summary(&own[i], text, sizeof text);
-        prt_log(&tool->ctx, PRT_LOG_NOTE, "the file's own material: %s", text);
-    }
-}
-
 // Whether a translucent block has no medium; *some: another has one.
 static bool any_missing(const struct prt_mesh *mesh,
                         const struct prt_material *const of_block[], bool *some)
@@ -93,7 +75,7 @@ int source_media(struct tool *tool, struct source *source, const struct prt_mate
         status = media_exit(
             tool, prt_media_assign(&tool->ctx, mesh, given->n, given->entry, of_block));
     if (!status) {
-        read_own(tool, mesh, own, of_block);
+        prt_media_own(&tool->ctx, mesh, own, of_block);
         status = fill_rest(tool, source, fallback, of_block);
     }
     if (!status) status = media_exit(tool, prt_media_divide(&tool->ctx, mesh, of_block));

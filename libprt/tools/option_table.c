@@ -21,8 +21,8 @@ static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const engines[] = {"reference", "wavelet", "polynomial", "joint", NULL};
 static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
                                        "hybrid", "reference", NULL};
-static const char *const terms[] = {"irradiance",  "multiple", "single",
-                                    "unscattered", "total",    NULL};
+static const char *const terms[] = {"irradiance", "multiple",   "single", "unscattered",
+                                    "total",      "difference", NULL};
 static const char *const exits[] = {"normalised", "papers", NULL};
 static const char *const scatterings[] = {"dipole", "walk", NULL};
 static const char *const cpus[] = {
@@ -78,6 +78,14 @@ const struct option_row option_table[] = {
     {"eye", 0, "X,Y,Z", OPTION_VECTOR, AT(eye), 0, 0, NULL, COLORS | IMAGE | COMPARE,
      "viewpoint of view-dependent terms, in the model's units; vertices that face away are 0, and "
      "compare weighs those that it sees"},
+    {"variant", 0, "NAME", OPTION_TEXT, AT(variant), 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
+     "materials of this variant of a glTF (KHR_materials_variants), by its name or a unique "
+     "beginning of it (prt info lists them)"},
+    {"animation", 0, "NAME", OPTION_TEXT, AT(animation), 0, 0, NULL, COLORS | IMAGE,
+     "an animation of a glTF by its name or a unique beginning of it (prt info lists them): "
+     "nodes, skins and morph targets at --time; without it the bind pose"},
+    {"time", 0, "S", OPTION_SIGNED, AT(time_s), 0, 1e9, NULL, COLORS | IMAGE,
+     "moment of the animation in seconds (default 0)"},
     {"camera", 0, "NAME|E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
      "a camera of the model's file by its name or a unique beginning of it (prt info lists "
      "them), or EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},
@@ -129,6 +137,12 @@ const struct option_row option_table[] = {
     {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, LIGHTS,
      "reference engine: multiple scattering by the dipole (default), which takes the surface "
      "around each point for a plane, or by random walks inside the model"},
+    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, BAKE,
+     "multiple scattering by the dipole (default), which takes the surface around each point "
+     "for a plane, or by random walks inside the model"},
+    {"walks", 0, "N", OPTION_WHOLE, AT(walks), PRT_BAKE_WALKS_MIN, PRT_BAKE_WALKS_MAX, NULL,
+     BAKE,
+     "with --scattering walk: walks a vertex and channel (default: by vertices, 512 to 2048)"},
     {"walks", 0, "N", OPTION_WHOLE, AT(walks), 1, 1 << 28, NULL, LIGHTS,
      "with --scattering walk: walks a vertex and channel (default 1024)"},
     {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,

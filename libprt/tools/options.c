@@ -107,7 +107,7 @@ struct parse {
     struct argp_option *option; // ends with an empty one
     char name[32];              // of the usage line
     unsigned n_option;
-    int status; // -1 while parsing goes on, else the exit status
+    int status; // -1 while parsing continues, else the exit status
     int rest;   // top level: index of the first argument after the subcommand, or 0
 };
 
@@ -359,11 +359,15 @@ static int check_together(const struct options *o)
     if (o->phase_terms && o->phase_terms != 1 && o->phase_terms != 4 && o->phase_terms != 9 &&
         (o->phase_terms != 16 || o->command == CMD_BAKE))
         return usage_error(o, "--phase-terms %d: expected 1, 4 or 9", (int)o->phase_terms);
-    bool walk = o->scattering && !strcmp(o->scattering, "walk");
+    // A .prt says how it was baked.
+    const bool baked = o->command != CMD_BAKE && o->n_input && prt_file_probe(o->input[0]);
+    bool walk = o->scattering ? !strcmp(o->scattering, "walk") : baked;
     if (o->walks && !walk) return usage_error(o, "--walks is for --scattering walk");
     if (o->term && !strcmp(o->term, "unscattered") && !walk)
         return usage_error(o,
                            "--term unscattered is for --scattering walk: the dipole has none");
+    if (o->term && !strcmp(o->term, "difference") && o->command != CMD_IMAGE)
+        return usage_error(o, "--term difference is for prt image");
     if (o->msaa & (o->msaa - 1))
         return usage_error(o, "--msaa %d: expected 1, 2, 4 or 8", (int)o->msaa);
     if (o->size_mm > 0 && o->mm_per_unit > 0)

@@ -80,6 +80,17 @@ static int open_prt(struct tool *tool, struct source *source)
             "%s is a .prt, which carries its own scale, axes and surfaces: leave "
             "--size-mm, --mm-per-unit, --up and --opaque out",
             source->path);
+    if (o->variant)
+        return usage_error(
+            o,
+            "%s is a .prt, which holds one variant: leave --variant out, or bake "
+            "the other one",
+            source->path);
+    if (o->animation)
+        return usage_error(o,
+                           "%s is a .prt, which holds the bind pose alone: give --animation "
+                           "with the model's glTF",
+                           source->path);
     if (o->texture_split > 0)
         return usage_error(o,
                            "%s is a .prt, whose texture split is fixed by the bake: leave "
@@ -113,16 +124,51 @@ int source_material_error(struct tool *tool, const struct source *source, const 
 
 enum prt_answer_term answer_term(const char *word)
 {
-    return word && !strcmp(word, "multiple") ? PRT_ANSWER_MULTIPLE
-           : word && !strcmp(word, "single") ? PRT_ANSWER_SINGLE
-                                             : PRT_ANSWER_TOTAL;
+    return word && !strcmp(word, "multiple")      ? PRT_ANSWER_MULTIPLE
+           : word && !strcmp(word, "single")      ? PRT_ANSWER_SINGLE
+           : word && !strcmp(word, "unscattered") ? PRT_ANSWER_UNSCATTERED
+                                                  : PRT_ANSWER_TOTAL;
 }
 
 struct prt_mesh_options source_mesh_options(const struct options *o)
 {
     return (struct prt_mesh_options){.opaque = o->n_opaque ? o->opaque : NULL,
                                      .no_textures = o->no_textures,
+                                     .animation = o->animation,
+                                     .variant = o->variant,
+                                     .time_s = o->time_s,
                                      .up_z = o->up && !strcmp(o->up, "z")};
+}
+
+static void log_errors(void *user, enum prt_log_level level, const char *line)
+{
+    const struct tool *tool = user;
+    if (level == PRT_LOG_ERROR) prt_log(&tool->ctx, level, "%s", line);
+}
+
+// --size-mm is the size of the bind pose, whatever the moment: mm_per_unit is its scale.
+static int scale_model(struct tool *tool, const struct source *source,
+                       const struct prt_mesh_options *options)
+{
+    const struct options *o = &tool->opt;
+    struct prt_mesh *bind = NULL;
+    double mm_per_unit = o->mm_per_unit;
+    int status = PRT_OK;
+    if (o->animation && o->size_mm > 0) {
+        struct prt_mesh_options own = *options;
+        struct prt_context quiet = tool->ctx; // its notes and warnings were said of the pose
+        quiet.log = log_errors;
+        quiet.log_user = tool;
+        own.animation = NULL;
+        own.no_textures = true;
+        status = prt_mesh_load(&quiet, source->path, &own, &bind);
+        if (!status) status = prt_mesh_scale(&quiet, bind, o->size_mm, 0);
+        if (!status) mm_per_unit = (double)bind->mm_per_unit;
+        prt_mesh_destroy(bind);
+    }
+    if (status) return status;
+    return prt_mesh_scale(&tool->ctx, source->loaded, mm_per_unit > 0 ? 0 : o->size_mm,
+                          mm_per_unit);
 }
 
 static int open_model(struct tool *tool, const struct prt_material *fallback,
@@ -130,15 +176,18 @@ static int open_model(struct tool *tool, const struct prt_material *fallback,
 {
     const struct options *o = &tool->opt;
     struct prt_mesh_options options = source_mesh_options(o);
+    if (o->time_s > 0 && !o->animation)
+        return usage_error(o, "--time is for --animation: name one (prt info lists them)");
     int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
-    if (status == PRT_ARG && o->n_opaque) return EXIT_USAGE; // a name that --opaque misspells
+    // A name that one of these misspells.
+    if (status == PRT_ARG && (o->n_opaque || o->animation || o->variant)) return EXIT_USAGE;
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->mesh = source->loaded;
     source->loaded->texture_split = (float)o->texture_split;
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
         return usage_error(o, "%s has no units of length: give --size-mm or --mm-per-unit",
                            source->path);
-    status = prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm, o->mm_per_unit);
+    status = scale_model(tool, source, &options);
     return status ? tool_exit(tool, status) : source_media(tool, source, fallback);
 }
 
@@ -201,10 +250,19 @@ enum prt_exit exit_option(const struct options *o)
 
 enum { DEFAULT_WALKS = 1024 };
 
-struct prt_reference_options reference_options(const struct options *o, const char *term,
+bool source_has_walks(const struct source *source)
+{
+    const struct prt_transport *t = source->transport;
+    for (uint32_t i = 0; t && i < t->n_tensor; i++)
+        if (t->tensor[i].term == PRT_TERM_UNSCATTERED) return true;
+    return false;
+}
+
+struct prt_reference_options reference_options(const struct options *o,
+                                               const struct source *source, const char *term,
                                                const float *eye_mm)
 {
-    bool walk = o->scattering && !strcmp(o->scattering, "walk");
+    bool walk = o->scattering ? !strcmp(o->scattering, "walk") : source_has_walks(source);
     return (struct prt_reference_options){
         .term = term_of(term),
         .exit = exit_option(o),
@@ -234,7 +292,7 @@ double relative_noise(const float *error, const float *color, size_t n)
 int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
                    const char *term, const float *eye_mm, float (*color)[3], double *noise)
 {
-    struct prt_reference_options options = reference_options(&tool->opt, term, eye_mm);
+    struct prt_reference_options options = reference_options(&tool->opt, source, term, eye_mm);
     float(*error)[3] = NULL;
     size_t n = source->mesh->n_vertex;
     if (noise) *noise = 0;

@@ -41,8 +41,8 @@ struct options {
     enum command command;
     const char *input[MAX_INPUT];
     unsigned n_input;
-    const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *cpu,
-        *scattering, *exit;
+    const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *animation,
+        *variant, *cpu, *scattering, *exit;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
@@ -53,7 +53,7 @@ struct options {
     const char *materials;                          /* compare: --materials */
     const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
-        bump_mm, texture_split;
+        bump_mm, time_s, texture_split;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed, walks;
     uint64_t threads, msaa, quality, vertices, memory, checkpoint_room;
     bool memory_set, estimate, accept_weak_sandbox;
@@ -112,10 +112,6 @@ struct source {
 };
 /* Another program's material and its medium as JSON; the caller deletes it. */
 struct cJSON *describe_import(const struct prt_import *item);
-/* The medium that surface i gives by the file's own material; false where it gives none. Warns
- * of what is lost. mm_per_unit: of the file's unit. */
-bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
-                      double mm_per_unit, struct prt_material *out);
 /* Makes source->media of a model from --material and the file's own materials, and divides
  * objects of several media. fallback: as source_open. Returns an exit status. */
 int source_media(struct tool *tool, struct source *source, const struct prt_material *fallback);
@@ -146,8 +142,12 @@ int source_light(struct tool *tool, const struct source *source, const struct pr
  * an exit status. */
 int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
-/* The reference engine's options by the command line; term NULL: total; eye [3] mm or NULL. */
-struct prt_reference_options reference_options(const struct options *o, const char *term,
+/* Whether a .prt was baked by random walks. */
+bool source_has_walks(const struct source *source);
+/* The reference engine's options by the command line; term NULL: total; eye [3] mm or NULL.
+ * Without --scattering it scatters as the .prt was baked. */
+struct prt_reference_options reference_options(const struct options *o,
+                                               const struct source *source, const char *term,
                                                const float *eye_mm);
 /* Reference colours of a term for the whole mesh; eye in mm or NULL. noise: the relative
  * standard error of walks over all vertices, 0 without walks; may be NULL. Returns an exit

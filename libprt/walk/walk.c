@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { LANES = PRT_PACKET, ANGLES = 256 };
+enum { LANES = PRT_PACKET, ANGLES = WALK_ANGLES };
 static const float many_mean_lengths = 256;
 
 struct lane {
@@ -48,8 +48,7 @@ static void draw2(uint64_t *state, float out[2])
     out[1] = (float)(x & 0xffffff) * 0x1p-24f;
 }
 
-// Exact unpolarised reflectance of the boundary for light inside at this cosine.
-static float inner_reflectance(float eta, float cosine)
+float prt_walk_inner_reflectance(float eta, float cosine)
 {
     float sine2 = eta * eta * (1 - cosine * cosine);
     if (sine2 >= 1) return 1;
@@ -61,7 +60,7 @@ static float inner_reflectance(float eta, float cosine)
 
 // The inverse of the distribution of F_t cos over the cosine, by the trapezoid rule on a table
 // that is sixteen times as fine.
-static void first_cosines(float eta, float cosine[ANGLES + 1])
+void prt_walk_first_cosines(float eta, float cosine[ANGLES + 1])
 {
     static _Thread_local struct {
         float eta, cosine[ANGLES + 1];
@@ -89,7 +88,7 @@ static void first_cosines(float eta, float cosine[ANGLES + 1])
     memcpy(last_table.cosine, cosine, sizeof last_table.cosine);
 }
 
-static void frame(const float n[3], float t[3], float b[3])
+void prt_walk_frame(const float n[3], float t[3], float b[3])
 {
     float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), c = n[0] * n[1] * a;
     t[0] = 1 + sign * n[0] * n[0] * a, t[1] = sign * c, t[2] = -sign * n[0];
@@ -200,7 +199,7 @@ static int at_boundary(struct run *r, struct lane *l, float t, const float g[3],
     draw2(&l->random, u);
     move(l, t);
     l->left -= t;
-    if (u[0] >= inner_reflectance(r->eta, fminf(cosine, 1))) return LEAVES;
+    if (u[0] >= prt_walk_inner_reflectance(r->eta, fminf(cosine, 1))) return LEAVES;
     for (int k = 0; k < 3; k++) {
         l->d[k] -= 2 * cosine * n[k];
         l->p[k] -= r->epsilon * n[k];
@@ -229,7 +228,7 @@ static bool after_ray(struct run *r, struct lane *l, const struct prt_packet *ra
         r->counts.exits += event == LEAVES;
         if (event == LEAVES)
             r->sink(r->arg, &(struct prt_walk_exit){l->walk, ray->triangle[i], ray->u[i],
-                                                    ray->v[i], l->length, l->scatterings});
+                                                    ray->v[i], l->length, l->scatterings, 1});
         if (event != GOES_ON) return false;
     }
     if (l->length <= r->longest) return true;
@@ -272,8 +271,8 @@ static void prepare(struct run *r, const struct prt_walk_medium *m)
     const float *away = r->start->inward, *n = r->start->normal;
     bool given = away[0] != 0 || away[1] != 0 || away[2] != 0;
     for (int k = 0; k < 3; k++) r->inward[k] = given ? away[k] : -n[k];
-    frame(r->start->normal, r->tangent, r->bitangent);
-    first_cosines(m->eta, r->cosine);
+    prt_walk_frame(r->start->normal, r->tangent, r->bitangent);
+    prt_walk_first_cosines(m->eta, r->cosine);
 }
 
 void prt_walk_run(const struct prt_walk_space *space, const struct prt_walk_start *start,

@@ -34,6 +34,14 @@ static inline float walk_bound(const struct prt_walk_space *s, const float p[3])
     return s->quantum_mm * s->bound[cell];
 }
 
+/* First directions of walks: cosines outside at equal shares of F_t cos, and a frame about the
+ * normal. */
+enum { WALK_ANGLES = 256 };
+void prt_walk_first_cosines(float eta, float cosine[WALK_ANGLES + 1]);
+void prt_walk_frame(const float n[3], float tangent[3], float bitangent[3]);
+/* Exact unpolarised reflectance of the boundary for light inside at this cosine. */
+float prt_walk_inner_reflectance(float eta, float cosine);
+
 /* Fills the grid: n, cell_mm, quantum_mm, bound. PRT_NOMEM. */
 int prt_walk_grid(struct prt_walk_space *space, const struct prt_mesh *mesh);
 

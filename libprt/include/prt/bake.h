@@ -15,6 +15,12 @@ extern "C" {
  * bake's inputs has this among them. */
 enum { PRT_BAKE_VERSION = 1 };
 
+/* The dipole takes the surface around each point for a plane. Random walks inside the body
+ * assume no shape (METHODS §9): `multiple` is then light of two scatterings or more, and the
+ * file has unscattered light besides. An object of whose walks more than a tenth escape
+ * through holes is baked with the dipole, with a warning. */
+enum prt_scattering { PRT_SCATTERING_DIPOLE, PRT_SCATTERING_WALK };
+
 /* Where the time of a bake went: one entry for each kind of work that was done. */
 enum { PRT_BAKE_WORK_MAX = 16 };
 struct prt_bake_work {
@@ -60,7 +66,10 @@ struct prt_bake_options {
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
                      * 16 linear pieces of R_d, 8 of e^(-sigma_t r) */
-    uint64_t seed;  /* of all random numbers */
+    enum prt_scattering scattering; /* of multiple scattering; WALK: wavelet engine only */
+    uint32_t n_walk; /* WALK: walks a vertex and channel, in the mean; 0: 18e6 over the
+                      * vertices, [512, 2048] */
+    uint64_t seed;   /* of all random numbers */
     /* n_shard > 1: this process bakes part `shard` of n_shard and writes it beside out_path, as
      * OUT.I-of-N.part; a complete part is not baked again. The process that ends last assembles
      * the .prt, with the bytes of a bake in one process, and removes the parts. 0,0: all. */
@@ -68,7 +77,7 @@ struct prt_bake_options {
     uint32_t *parts_missing; /* out, or NULL: number of parts that are incomplete; 0: out_path
                               * is written; UINT32_MAX: another process assembles it */
     /* A path, or NULL. Finished work is kept in this file and in PATH.rows, and a bake of equal
-     * mesh and options goes on from there after any interruption, to the same bytes. Both are
+     * mesh and options continues from there after any interruption, to the same bytes. Both are
      * removed when out_path, or this shard's part, is written. checkpoint_room: most bytes that
      * they take together; 0: no bound. Work that does not fit, or cannot be written, is
      * repeated after an interruption. */

@@ -19,7 +19,8 @@ extern "C" {
     X(RANK, "rank", 1, 512, 0)                           \
     X(BASIS_COEFFS, "basis-coeffs", 1, 98304, 0)         \
     X(PHASE_TERMS, "phase-terms", 1, 9, 0) /* 1, 4, 9 */ \
-    X(SINGLE_POINTS, "single-points", 1, 1024, 16)
+    X(SINGLE_POINTS, "single-points", 1, 1024, 16)       \
+    X(WALKS, "walks", 16, 1048576, 0)
 
 enum prt_bake_setting {
 #define X(name, word, low, high, standard) PRT_BAKE_##name,

@@ -25,11 +25,19 @@ struct prt_media_entry {
 size_t prt_media_name_length(const char *argument);
 
 /* Gives of_block the media of n entries; what no entry names keeps its medium. PRT_ARG: more
- * than PRT_MEDIA_MAX entries, an object that two entries name, a name that the mesh does not
- * have (the message has near ones) or that is opaque. PRT_NOMEM. */
+ * than PRT_MEDIA_MAX + 1 entries, an object that two entries name, a name that the mesh does
+ * not have (the message has near ones) or that is opaque. PRT_NOMEM. */
 int prt_media_assign(const struct prt_context *ctx, const struct prt_mesh *mesh, unsigned n,
                      const struct prt_media_entry entry[],
                      const struct prt_material *of_block[]);
+/* The medium of surface i's own material in the file, where it has one; lengths of the file
+ * become millimetres by mm_per_unit. Warns of what is lost. */
+bool prt_media_of_surface(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                          uint32_t i, double mm_per_unit, struct prt_material *out);
+/* Gives the translucent blocks that have no medium those of the file's own materials, with a
+ * note for each; own[n_surface] is their memory. */
+void prt_media_own(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                   struct prt_material own[], const struct prt_material *of_block[]);
 /* Divides the objects whose translucent blocks have different media (prt_mesh_divide), with a
  * note for each: light does not scatter from one part into another. PRT_NOMEM. */
 int prt_media_divide(const struct prt_context *ctx, struct prt_mesh *mesh,

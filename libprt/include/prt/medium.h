@@ -108,6 +108,10 @@ int prt_material_import_file(const struct prt_context *ctx, const char *file,
 int prt_material_load_foreign(const struct prt_context *ctx, const char *file,
                               struct prt_material *out);
 bool prt_material_is_foreign(const char *file);
+/* The same of an open file, which messages call `what`: its only medium, or that of this name
+ * (NULL or "": none given). */
+int prt_material_load_foreign_fd(const struct prt_context *ctx, const char *what, int fd,
+                                 const char *name, struct prt_material *out);
 /* The item of this name or of its only beginning; without a name the only one that has a
  * medium. PRT_ARG after a message that lists them. */
 int prt_import_choose(const struct prt_context *ctx, const char *what,

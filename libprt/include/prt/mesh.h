@@ -57,7 +57,20 @@ struct prt_mesh_camera {
         up[3];      /* target: in front of the eye, as deep as the model's centre */
     float fovy_deg; /* (0,170) */
 };
-enum { PRT_MESH_MOST_CAMERAS = 256 };
+enum {
+    PRT_MESH_MOST_CAMERAS = 256,
+    PRT_MESH_MOST_ANIMATIONS = 64,
+    PRT_MESH_MOST_VARIANTS = 64
+};
+/* A variant of a glTF's materials (KHR_materials_variants); names are unique. */
+struct prt_mesh_variant {
+    char name[64];
+};
+/* An animation of a glTF; names are unique. */
+struct prt_mesh_animation {
+    char name[64];
+    float duration_s; /* its last key, as the file says; 0: not said */
+};
 /* Sky that the model hides from a vertex, as real spherical harmonics l <= 3 (prt_sh_eval) of
  * the indicator of hidden directions and their mirror images in the tangent plane, each
  * coefficient in steps of PRT_MESH_BLOCKED_SCALE / 127. */
@@ -78,8 +91,11 @@ struct prt_mesh {
     struct prt_object *object;      /* [n_object], NULL when no object has a name */
     struct prt_mesh_camera *camera; /* [n_camera], NULL when there is none */
     uint32_t n_camera;
-    float mm_per_unit;    /* model units * mm_per_unit = mm; 0 while not scaled */
-    uint32_t units_known; /* 1: the format says metres (glTF) */
+    struct prt_mesh_animation *animation; /* [n_animation] of a model, not of a .prt; or NULL */
+    uint32_t n_animation, n_variant;
+    struct prt_mesh_variant *variant; /* [n_variant] as animation */
+    float mm_per_unit;                /* model units * mm_per_unit = mm; 0 while not scaled */
+    uint32_t units_known;             /* 1: the format says metres (glTF) */
     /* of the translucent blocks, welded: edges of one triangle, of more than two, triangles
      * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
@@ -108,6 +124,12 @@ struct prt_mesh_options {
     bool up_z;                 /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
     bool in_process;           /* parse without a child process (fuzzers only) */
     bool no_textures;          /* read no images, TEXCOORD sets above 0 and vertex colours */
+    /* A glTF's vertices in a moment of this animation, or of the only one whose name begins so;
+     * times before its first and after its last key have their values. NULL: the bind pose. */
+    const char *animation;
+    double time_s;
+    const char
+        *variant; /* materials of this variant of a glTF, named so; NULL: the file's own */
 };
 
 /* Loads .glb, .gltf (with .bin files and data URIs), .obj, .ply or .stl; the content decides.

@@ -82,6 +82,7 @@ struct prt_term_input {
     const float (*factor)[3]; /* [medium][n_phase] factors of plane k's channels; NULL: 1 */
     const uint8_t *medium;    /* [n_cluster] number of each cluster's medium; NULL: 0 */
     const uint8_t *dark;      /* [n_cluster] not 0: adds nothing to this cluster; NULL: none */
+    uint32_t most_rank;       /* FACTORED: only the first rows of each cluster; 0: all */
 };
 enum { PRT_MOST_PARTS = 4 };
 
@@ -142,7 +143,9 @@ size_t prt_contracted_transport_bytes(const struct prt_contracted_transport *fix
 enum prt_answer_term {
     PRT_ANSWER_MULTIPLE, /* (1/pi) B, without outgoing Fresnel transmittance */
     PRT_ANSWER_SINGLE,   /* L^(1), without outgoing Fresnel transmittance */
-    PRT_ANSWER_TOTAL,    /* F_t(eta, w_o) [multiple/T + single], METHODS §1 (exit) */
+    PRT_ANSWER_TOTAL,    /* F_t(eta, w_o) [multiple/T + single], METHODS §1 (exit); unscattered
+                          * light is added to multiple */
+    PRT_ANSWER_UNSCATTERED, /* of walks, as B/pi; 0 of the dipole */
 };
 
 /* Pointers are borrowed for the call. */
@@ -153,6 +156,15 @@ struct prt_query {
     const float *eye;             /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
     const struct prt_contracted_light *lit; /* instead of light, when not NULL */
     enum prt_exit exit;                     /* of PRT_ANSWER_TOTAL */
+    uint32_t most_rank; /* colours and planes: rows of a cluster, 0: all; an odd number is one
+                         * more. Later rows matter less. All are used with lit, and of tensors
+                         * that are sparse or have opaque and translucent vertices in a cluster
+                         */
+    /* Not 0: prt_answer_planes and planes of prt_answer_many keep the terms apart, and have at
+     * most so many planes: multiple scattering, then single scattering's plane 0 times Y_00 and
+     * its planes to be multiplied by Y_k(w_o'), before prt_view_correct. Media that scatter
+     * evenly have no plane behind the second, and PRT_ANSWER_MULTIPLE has the first alone. */
+    unsigned most_apart;
 };
 
 /* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.

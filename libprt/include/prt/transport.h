@@ -13,7 +13,9 @@
 extern "C" {
 #endif
 
-enum prt_term { PRT_TERM_MULTIPLE = 0, PRT_TERM_SINGLE = 1 };
+/* MULTIPLE by the dipole, or by walks (METHODS §9) of two scatterings or more; then UNSCATTERED
+ * is there too, gathered like MULTIPLE. */
+enum prt_term { PRT_TERM_MULTIPLE = 0, PRT_TERM_SINGLE = 1, PRT_TERM_UNSCATTERED = 2 };
 enum prt_storage { PRT_STORAGE_FACTORED = 0, PRT_STORAGE_SPARSE = 1, PRT_STORAGE_RADIAL = 2 };
 enum prt_value { PRT_VALUE_I8 = 0, PRT_VALUE_F16 = 1, PRT_VALUE_PAIR = 2 };
 

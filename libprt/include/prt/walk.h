@@ -55,6 +55,7 @@ struct prt_walk_exit {
     float u, v;           /* barycentric coordinates in it */
     float length_mm;      /* of the path inside */
     uint32_t scatterings; /* along it */
+    float weight; /* the share of the walk's light that leaves here; 1 of prt_walk_run */
 };
 
 /* Sums over walks. leaked: walks that met a surface from outside or left the scene's box (the
@@ -75,6 +76,16 @@ void prt_walk_run(const struct prt_walk_space *space, const struct prt_walk_star
                   const struct prt_walk_medium *medium, uint32_t n_walk,
                   void (*sink)(void *arg, const struct prt_walk_exit *exit), void *arg,
                   struct prt_walk_counts *counts);
+
+/* Light that crosses the object without a scattering: n_ray straight paths with the first
+ * directions of prt_walk_run, stratified; each divides at the boundary and goes on reflected
+ * until less than 1e-4 of its light is left, with e^(-sigma_t length) for the least sigma_t
+ * [mm^-1] of the channels. The mean over n_ray of the sums of weight e^(-sigma_t length)
+ * E(exit) is its share of B. Thread-safe. */
+void prt_walk_unscattered(const struct prt_walk_space *space,
+                          const struct prt_walk_start *start, float eta, float sigma_t,
+                          uint32_t n_ray,
+                          void (*sink)(void *arg, const struct prt_walk_exit *exit), void *arg);
 
 #ifdef __cplusplus
 }

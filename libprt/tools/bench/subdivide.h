@@ -6,7 +6,7 @@
 #include "prt/transport.h"
 
 // A FACTORED tensor of a mesh (not RADIAL) on n_vertex vertices: edges get vertices in their
-// middles, level by level, the last level as far as n_vertex goes; they lie behind the mesh's
+// middles, level by level, the last level up to n_vertex; they lie behind the mesh's
 // own vertices in the file, as subdivisions write them. A new vertex is of its first parent's
 // cluster and has its parents' mean U where they share that. Rows are the given tensor's, which
 // must outlive it. PRT_NOMEM at worst; free with subdivided_finish.

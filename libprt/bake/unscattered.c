@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+// Light that crosses a body without a scattering (METHODS §9), gathered diffusely: straight
+// paths fill the matrix between vertices and rows.
+#include "bake/sources.h"
+#include "bake/walks.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { PATHS = 256 }; // a vertex; chosen, not measured
+
+struct gather {
+    const struct bake *b;
+    const uint32_t *column;
+    float *k; // of the vertex at hand
+    size_t n_vertex, stride;
+    double sigma_t[3];
+};
+
+static void take_exit(void *arg, const struct prt_walk_exit *exit)
+{
+    const struct gather *g = arg;
+    const struct walk_bake *w = g->b->walk;
+    const uint32_t sample = prt_surface_stratum(w->strata, exit->triangle, exit->u, exit->v);
+    if (sample == UINT32_MAX) return;
+    const uint32_t column = g->column[w->place[sample]];
+    if (column == UINT32_MAX) return;
+    float *k = g->k + (size_t)column * g->n_vertex;
+    for (int c = 0; c < 3; c++)
+        k[(size_t)c * g->stride] += (float)((double)exit->weight / (M_PI * PATHS) *
+                                            exp(-g->sigma_t[c] * (double)exit->length_mm));
+}
+
+static int fill(const struct bake *b, uint32_t c, struct cut *cut)
+{
+    const struct prt_cluster *cluster = &b->clusters->cluster[c];
+    const struct prt_material *m = &b->o.media.medium[prt_bake_medium(b, c)];
+    uint32_t *column = prt_walk_columns(b, cut);
+    struct gather g = {.b = b,
+                       .column = column,
+                       .n_vertex = cluster->n_vertex,
+                       .stride = (size_t)cluster->n_vertex * cut->n_column};
+    double least = INFINITY;
+    if (!column) return PRT_NOMEM;
+    for (int ch = 0; ch < 3; ch++) {
+        g.sigma_t[ch] = (double)m->sigma_s_prime[ch] + (double)m->sigma_a[ch];
+        least = fmin(least, g.sigma_t[ch]);
+    }
+    memset(cut->k, 0, 3 * g.stride * sizeof *cut->k);
+    for (uint32_t v = 0; v < cluster->n_vertex; v++) {
+        const uint32_t vertex = b->clusters->order[cluster->vertex_begin + v];
+        struct prt_walk_start start;
+        prt_walk_start_at(b->walk->space, vertex, b->clusters->object[c],
+                          prt_hash64(&vertex, sizeof vertex, b->o.seed + 0x0c1e), &start);
+        g.k = cut->k + v;
+        prt_walk_unscattered(b->walk->space, &start, m->eta, (float)least, PATHS, take_exit,
+                             &g);
+    }
+    prt_free(column);
+    return PRT_OK;
+}
+
+int prt_bake_unscattered_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct tensor_job *job = arg;
+    const struct bake *b = job->bake;
+    int status = PRT_OK;
+    prt_trace_thread_init();
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        if (!prt_walks_in(b, (uint32_t)c)) continue;
+        struct cut cut = {0};
+        const uint64_t started = prt_work_begin();
+        const struct cut_source from = prt_bake_cut_source(b);
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c,
+                               &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
+        if (status == PRT_OK) status = fill(b, (uint32_t)c, &cut);
+        prt_work_end(job->work, WORK_WALKS, started, 0, 0);
+        struct product_rows rows = {
+            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3, job->lit,
+            job->work,      NULL};
+        const struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
+                                          prt_product_project, prt_product_combine};
+        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        prt_cut_finish(&cut);
+    }
+    return status;
+}

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT */
+/* Random walks in place of the dipole (METHODS §9): the matrix K between the vertices of a
+ * cluster and the rows that it gathers, and what becomes of its noise. */
+#ifndef PRT_BAKE_WALKS_H
+#define PRT_BAKE_WALKS_H
+
+#include "bake/run.h"
+#include "prt/walk.h"
+
+struct walk_bake {
+    struct prt_walk_space *space;
+    struct prt_surface_strata *strata;
+    uint32_t *place;    /* [n_sample] position of each sample in the tree */
+    uint8_t *walked;    /* [n_object] 0: the dipole serves, because too many walks escape */
+    double leaked;      /* largest share of walks that escape, of the objects that are walked */
+    uint32_t n_walk;    /* a vertex and channel, in the mean */
+    double (*noise)[2]; /* [n_cluster] energy of the noise that smoothing left, and of the
+                           answers, over the probes */
+};
+/* Makes b->walk and tests every object with some walks; a line is logged for each that leaks.
+ * Needs scene, surface, hierarchy, clusters. PRT_ARG: nothing encloses a volume. */
+int prt_walks_create(struct bake *b);
+void prt_walks_destroy(struct walk_bake *walk);
+/* Whether a cluster's light is computed by walks. */
+bool prt_walks_in(const struct bake *b, uint32_t cluster);
+
+/* A cluster's walks: their answers to the lights of the tensor in two halves, which share no
+ * random number. */
+struct walk_answers {
+    uint32_t n_vertex, n_light;
+    float *half[2];   /* [3][n_vertex][n_light] means */
+    uint32_t *n_walk; /* [3][n_vertex] of both halves */
+};
+/* Overwrites cut->k [3][n_column][n_vertex] with that of the walks of two scatterings or more,
+ * each adding e^(-sigma_a L)/(pi N) where it leaves. Half of the walks are spread evenly, the
+ * other half by the difference of the halves. job->lit holds the rows times the lights. */
+int prt_walks_fill(const struct tensor_job *job, uint32_t cluster, struct cut *cut,
+                   struct walk_answers *out);
+/* The column of a cut that gathers each sample, by its place in the tree; UINT32_MAX: none.
+ * NULL without memory; the caller prt_free()s it. */
+uint32_t *prt_walk_columns(const struct bake *b, const struct cut *cut);
+void prt_walk_answers_finish(struct walk_answers *answers);
+/* Smoothing matrices of a cluster, [3][n_vertex][n_vertex] (walk_smooth.c): the answers of the
+ * dipole [3][n_vertex][n_light] say which vertices are alike. factor [n_vertex]: of the answers
+ * of M K, at creases that are finer than M resolves. noise: as in struct walk_bake. The caller
+ * prt_free()s *out. */
+int prt_walks_smooth(const struct bake *b, uint32_t cluster, const float *dipole,
+                     const struct walk_answers *walks, float **out, float *factor,
+                     double noise[2]);
+/* A range: light that crosses a cluster without a scattering. */
+int prt_bake_unscattered_range(void *tensor_job, size_t begin, size_t end, unsigned worker);
+/* The share of noise in the answers of all clusters, relative RMS; 0 without walks. */
+double prt_walks_noise(const struct bake *b);
+
+#endif
