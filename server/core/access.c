@@ -108,6 +108,23 @@ struct token_store *access_store(struct access *access)
     return &access->store;
 }
 
+int access_replace(struct access *access, const char *text, size_t n, char fault[256])
+{
+    struct token_store fresh;
+    if (tokens_parse(text, n, &fresh, fault)) return -1;
+    for (size_t i = 0; i < fresh.n; i++) {
+        const struct token *before = token_find(&access->store, fresh.token[i].name);
+        if (!before || memcmp(before->hash, fresh.token[i].hash, TOKEN_HASH)) continue;
+        fresh.token[i].allowance = before->allowance;
+        fresh.token[i].allowance_ns = before->allowance_ns;
+        fresh.token[i].pending = before->pending; // its answer is on its way
+    }
+    tokens_finish(&access->store);
+    access->store = fresh;
+    access->existed = true;
+    return 0;
+}
+
 bool access_commit(struct access *access, struct token *token)
 {
     bool before = access_required(access);

@@ -88,6 +88,9 @@ void access_quotas(void *access, const char *principal, uint64_t limit[LEDGER_N]
 
 /* The list of tokens. A change is in force at once; the caller writes the file. */
 struct token_store *access_store(struct access *access);
+/* Replaces the list by a text of tokens_print(); what a token may still ask for stays. 0, or -1
+ * with the fault's text, and the list is as it was. */
+int access_replace(struct access *access, const char *text, size_t n, char fault[256]);
 /* A new token's file was written: the token is valid, and access_required() from here on.
  * Returns whether it was not before. */
 bool access_commit(struct access *access, struct token *token);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The configuration as a whole: checking it, and reading it again.
+#include "core/proxy_header.h"
 #include "core/configuration.h"
 
 #include "core/access.h"
@@ -84,6 +85,10 @@ static int check_words(const struct options *options, char fault[256])
         why = "--log-access: event or trace";
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
         why = "--cpu: one of " PRT_CPU_WORDS;
+    if (!why && strcmp(options->runner, "local") && strcmp(options->runner, "slurm"))
+        why = "--runner: local or slurm";
+    if (!why && !options->replicas[0] != !options->advertise[0])
+        why = "--replicas and --advertise: each needs the other";
     const char *away = options->goaway_address;
     if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "tls:", 4) &&
         strncmp(away, "unix:", 5))
@@ -116,6 +121,14 @@ static int check_tls(const struct options *options, char fault[256])
     return failed;
 }
 
+static int check_proxies(const struct options *options, char fault[256])
+{
+    char why[128];
+    if (proxy_list_check(options->proxies, why)) return 0;
+    snprintf(fault, 256, "--proxies: %s", why);
+    return -1;
+}
+
 int configuration_check(const struct options *options, char fault[256])
 {
     char token[TOKEN_ROOM];
@@ -123,7 +136,7 @@ int configuration_check(const struct options *options, char fault[256])
         check_folder("page", options->page, fault) || check_data(options->data, fault) ||
         check_apart(options, fault) || check_addresses(options, fault))
         return -1;
-    if (check_tls(options, fault)) return -1;
+    if (check_tls(options, fault) || check_proxies(options, fault)) return -1;
     return options->token_file[0] ? token_read(options->token_file, token, fault) : 0;
 }
 

@@ -3,7 +3,7 @@
  * of an address cost nothing; each further one doubles the time during which tokens from there
  * are not looked at, from one second to a minute. An address without a wrong token for ten
  * minutes is forgotten. The table has a fixed size; where it is full, the address whose last
- * wrong token is the oldest of its bucket goes. Loop thread only. */
+ * wrong token is the oldest of its bucket is removed. Loop thread only. */
 #ifndef RELIGHTD_GUESSES_H
 #define RELIGHTD_GUESSES_H
 

@@ -15,10 +15,13 @@
 #include "store/models.h"
 #include "store/readiness.h"
 #include "relight.pb-c.h"
+#include "net/proxy_peer.h"
 #include "net/request.h"
 #include "core/server.h"
 #include "render/shared/poses.h"
+#include "ops/shared_models.h"
 #include "render/shared/warm_up.h"
+#include "rooms/copy.h"
 #include "rooms/rooms.h"
 
 #include <errno.h>
@@ -169,6 +172,7 @@ static int open_data(void)
     struct blobs_setup setup = {.folder = path,
                                 .max_blob = server.options.max_blob,
                                 .ledger = server.ledger,
+                                .objects = server.objects,
                                 .work = server.work,
                                 .keep_s = 600,
                                 .idle_s = 600,
@@ -261,13 +265,22 @@ static int choose_run(void)
     return 0;
 }
 
+// What replicas share; with one machine an empty implementation of the same.
+static int open_objects(void)
+{
+    char fault[256];
+    if (!object_store_open(server.options.store, &server.objects, fault)) return 0;
+    log_line(LOG_ERR, "%s", fault);
+    return -1;
+}
+
 static int start_models(void)
 {
     if (jobs_recall(server.jobs) || models_create(&server, &server.models)) return -1;
     models_resume_bakes(server.models);
     if (models_follow_folder(&server)) return -1;
     models_start(server.models);
-    return 0;
+    return shared_models_create(&server, &server.shared_models);
 }
 
 static int start(void)
@@ -303,10 +316,13 @@ static int start(void)
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
-        work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        open_access() || open_tls() || poses_create(&server, &server.poses) ||
-        jobs_create(&server, &job_runner_child, &server.jobs) || start_models() ||
-        rooms_create(&server, &server.rooms))
+        work_pool_create(server.loop, threads, cpu, &server.work) || open_objects() ||
+        open_data() || open_access() || open_tls() || poses_create(&server, &server.poses) ||
+        jobs_create(&server,
+                    object_store_shared(server.objects) ? &job_runner_shared
+                                                        : &job_runner_child,
+                    &server.jobs) ||
+        start_models() || rooms_create(&server, &server.rooms))
         return -1;
     readiness_begin(&server);
     if (listen_everywhere()) return -1;
@@ -337,6 +353,7 @@ static void stop(void)
     if (server.loop) sockets_close(&server);
     while (server.connections) connection_close(server.connections, "the daemon stops");
     http_close();
+    proxy_peers_close(&server);
     connections_free_closed(&server);
     // Running work completes without waiters; then everything is released.
     decoder_destroy(server.decoder);
@@ -351,6 +368,7 @@ static void stop(void)
         }
         loop_turn(server.loop, 50);
     }
+    shared_models_destroy(server.shared_models);
     rooms_destroy(server.rooms);
     if (server.cache) cache_use_workers(server.cache, NULL);
     if (server.files) cache_use_workers(server.files, NULL);
@@ -362,6 +380,7 @@ static void stop(void)
     cache_destroy(server.files);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
+    object_store_close(server.objects);
     ledger_destroy(server.ledger);
     access_destroy(server.access);
     tls_destroy(server.tls);
@@ -393,6 +412,8 @@ int main(int argc, char **argv)
     args = argv;
     options_parse(argc, argv, &server.options);
     if (server.options.check) return print_check();
+    if (server.options.copy_rooms[0])
+        return rooms_copy(server.options.copy_rooms, server.options.rooms);
     int format = log_format_parse(server.options.log_format);
     log_set_format(format < 0 ? LOG_FORMAT_TEXT : format);
     log_start();

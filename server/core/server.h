@@ -25,6 +25,9 @@ struct tls;
 struct events;
 struct poses;
 struct rooms;
+struct shared_models;
+struct object_store;
+struct request;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -48,15 +51,17 @@ struct server {
     struct blobs *blobs;
     struct decoder *decoder;
     struct jobs *jobs;
+    struct object_store *objects; /* what replicas share; with one machine: nothing */
     struct models *models;
-    struct imports *imports;       /* the folder --models */
-    struct versions *versions;     /* its folders NAME/VERSION */
-    struct repository *repository; /* the LOADs that they stand for */
-    struct file_queue *file_queue; /* file operations, one after another on a worker */
-    struct poses *poses;           /* render/shared/poses.h */
-    struct events *events;         /* core/events.h */
-    struct rooms *rooms;           /* rooms/rooms.h */
-    char run[17];                  /* hex digits that differ at every start */
+    struct shared_models *shared_models; /* ops/shared_models.h; NULL: one machine */
+    struct imports *imports;             /* the folder --models */
+    struct versions *versions;           /* its folders NAME/VERSION */
+    struct repository *repository;       /* the LOADs that they stand for */
+    struct file_queue *file_queue;       /* file operations, one after another on a worker */
+    struct poses *poses;                 /* render/shared/poses.h */
+    struct events *events;               /* core/events.h */
+    struct rooms *rooms;                 /* rooms/rooms.h */
+    char run[17];                        /* hex digits that differ at every start */
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
@@ -72,6 +77,17 @@ struct server {
     int access_level; /* enum log_level of the line about each request (--log-access) */
     /* Whether a guest of a room (a principal "guest:ID") may use the model of this id. */
     bool (*guest_may_see)(const struct server *server, const char *guest, const char *model);
+    /* Replaces the list of tokens that replicas share; done(user, 0 or an errno, EAGAIN where
+     * another replica changed it first). NULL: this daemon's list is its own. */
+    void (*write_tokens)(struct server *server, const char *text,
+                         void (*done)(void *user, int fault), void *user);
+    /* Calls run(request) once the uploads and the model that the request names are here, which
+     * other replicas may have. ordered: in the order of the connection's requests about views.
+     * NULL: one machine. */
+    void (*fetch_then)(struct request *request, bool ordered,
+                       void (*run)(struct request *request));
+    /* The connection closes: its requests wait for other replicas no longer. */
+    void (*fetch_drop)(struct connection *conn);
     /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
     bool (*is_ready)(const struct server *server, char why[200]);
     /* The pace of answers while requests wait, for retry_after_ms: the last one, 0 where none

@@ -20,8 +20,10 @@
 struct wait_for {
     struct wait_for *next;
     uint64_t number;
-    decode_fn env_fn; // one of the two
+    decode_fn env_fn; // one of the four
     decode_model_fn model_fn;
+    decode_pose_fn pose_fn;
+    decode_material_fn material_fn;
     void *user;
     bool sent, lost;
     char request[65]; // id of the request that it is for; others may wait for it, too
@@ -49,17 +51,29 @@ void decoded_env_destroy(void *value)
     free(env);
 }
 
-static void finish(struct decoder *decoder, struct wait_for *w, struct decoded_env *env,
-                   int status, const char *error, const struct reply *reply)
+void decoded_pose_destroy(struct decoded_pose *pose)
+{
+    if (!pose) return;
+    munmap(pose->map, pose->map_bytes);
+    free(pose);
+}
+
+// result: of env_fn, pose_fn or material_fn, whose text is freed afterwards.
+static void finish(struct decoder *decoder, struct wait_for *w, void *result, int status,
+                   const char *error, const struct reply *reply)
 {
     struct wait_for **at = &decoder->waiting;
     while (*at != w) at = &(*at)->next;
     *at = w->next;
     decoder->n_sent -= w->sent;
-    if (w->env_fn) w->env_fn(w->user, env, status, error);
+    if (w->env_fn) w->env_fn(w->user, result, status, error);
+    else if (w->pose_fn) w->pose_fn(w->user, result, status, error);
+    else if (w->material_fn)
+        w->material_fn(w->user, result, status, error, reply ? reply->warnings : "");
     else
         w->model_fn(w->user, status, error, reply ? reply->warnings : "",
                     reply ? reply->ms : 0);
+    if (w->material_fn) free(result);
     free(w);
 }
 
@@ -94,23 +108,54 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     return env;
 }
 
+static struct decoded_pose *map_pose(const struct reply *reply, int fd)
+{
+    const size_t n = (size_t)reply->n_vertex * 24;
+    off_t size = lseek(fd, 0, SEEK_END);
+    if (!n || size < 0 || (size_t)size != n) return NULL;
+    struct decoded_pose *pose = calloc(1, sizeof *pose);
+    if (!pose) return NULL;
+    *pose = (struct decoded_pose){.n = reply->n_vertex, .map_bytes = n};
+    pose->map = mmap(NULL, n, PROT_READ, MAP_SHARED, fd, 0);
+    pose->values = pose->map;
+    if (pose->map != MAP_FAILED) return pose;
+    free(pose);
+    return NULL;
+}
+
+static char *read_text(int fd)
+{
+    char *text = malloc(PRT_MATERIAL_TEXT);
+    ssize_t n = text ? pread(fd, text, PRT_MATERIAL_TEXT - 1, 0) : -1;
+    if (n <= 0) {
+        free(text);
+        return NULL;
+    }
+    text[n] = 0;
+    return text;
+}
+
 static void take_reply(struct decoder *decoder, const struct reply *reply, int fd)
 {
     struct wait_for *w = decoder->waiting;
     while (w && w->number != reply->number) w = w->next;
     if (!w) return;
     *decoder->n_crashed += reply->crashed;
-    struct decoded_env *env = NULL;
+    void *result = NULL;
     int status = reply->status;
     const char *error = reply->error;
-    if (!status && w->env_fn && (fd < 0 || !(env = map_pixels(reply, fd)))) {
+    if (!status && !w->model_fn && fd >= 0)
+        result = w->env_fn    ? (void *)map_pixels(reply, fd)
+                 : w->pose_fn ? (void *)map_pose(reply, fd)
+                              : (void *)read_text(fd);
+    if (!status && !w->model_fn && !result) {
         status = PRT_NOMEM;
-        error = "no memory for the decoded image";
+        error = "no memory for what was decoded";
     }
     if (status)
         log_line(LOG_EVENT, "decode request=%s crashed=%u error=\"%s\"", w->request,
                  reply->crashed, error);
-    finish(decoder, w, env, status, error, reply);
+    finish(decoder, w, result, status, error, reply);
 }
 
 static void send_waiting(struct decoder *decoder);
@@ -329,14 +374,47 @@ void decoder_model(struct decoder *decoder, const struct decode_model *m, decode
                       .size_mm = m->size_mm,
                       .mm_per_unit = m->mm_per_unit,
                       .up_z = m->up_z,
-                      .material = *m->material};
+                      .n_material = (uint32_t)m->n_material};
+    snprintf(ask.variant, sizeof ask.variant, "%s", m->variant);
+    for (size_t i = 0; i < m->n_material && n < MAX_WORD; i++) word[n++] = m->material[i];
     for (size_t i = 0; i < m->n_opaque && n < MAX_WORD; i++) word[n++] = m->opaque[i];
     struct wait_for *w = new_wait(decoder, &ask, word, n);
     if (!w) {
-        fn(user, PRT_LIMIT, "the names of opaque parts are too long", "", 0);
+        fn(user, PRT_LIMIT, "the names of opaque parts and materials are too long", "", 0);
         return;
     }
     w->model_fn = fn;
+    w->user = user;
+    enqueue(decoder, w);
+}
+
+void decoder_pose(struct decoder *decoder, const char *path, const char *name,
+                  const char *animation, double time_s, bool up_z, decode_pose_fn fn,
+                  void *user)
+{
+    const char *const word[] = {path, name, animation};
+    struct ask ask = {.model = ASK_POSE, .time_s = time_s, .up_z = up_z};
+    struct wait_for *w = new_wait(decoder, &ask, word, 3);
+    if (!w) {
+        fn(user, NULL, PRT_NOMEM, "not enough memory");
+        return;
+    }
+    w->pose_fn = fn;
+    w->user = user;
+    enqueue(decoder, w);
+}
+
+void decoder_material(struct decoder *decoder, const char *path, const char *name,
+                      const char *material, decode_material_fn fn, void *user)
+{
+    const char *const word[] = {path, name, material};
+    struct ask ask = {.model = ASK_MATERIAL};
+    struct wait_for *w = new_wait(decoder, &ask, word, 3);
+    if (!w) {
+        fn(user, NULL, PRT_NOMEM, "not enough memory", "");
+        return;
+    }
+    w->material_fn = fn;
     w->user = user;
     enqueue(decoder, w);
 }

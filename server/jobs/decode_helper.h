@@ -48,7 +48,10 @@ struct decode_model {
     const char *out;         /* the .prt to write */
     double size_mm, mm_per_unit;
     bool up_z;
-    const struct prt_material *material; /* kept in the .prt */
+    const char *variant; /* "": none */
+    /* As --material of `prt bake`; objects without one have the file's own, else marble. */
+    size_t n_material;
+    char *const *material;
     size_t n_opaque;
     char *const *opaque;
 };
@@ -57,6 +60,29 @@ typedef void (*decode_model_fn)(void *user, int status, const char *error, const
                                 float ms);
 void decoder_model(struct decoder *decoder, const struct decode_model *model,
                    decode_model_fn fn, void *user);
+/* Vertices of a model's file in a moment of an animation, in the file's unit: [n][3] positions,
+ * then [n][3] normals; from a read-only mapping. */
+struct decoded_pose {
+    uint32_t n;
+    const float *values;
+    void *map;
+    size_t map_bytes;
+};
+void decoded_pose_destroy(struct decoded_pose *pose); /* NULL is fine */
+/* pose NULL: status and error have the cause; else the callee's. Called on the loop's thread.
+ */
+typedef void (*decode_pose_fn)(void *user, struct decoded_pose *pose, int status,
+                               const char *error);
+void decoder_pose(struct decoder *decoder, const char *path, const char *name,
+                  const char *animation, double time_s, bool up_z, decode_pose_fn fn,
+                  void *user);
+/* json: a material of another program's file as JSON text; NULL: status and error have the
+ * cause. `warnings` has one a line. Called on the loop's thread. */
+typedef void (*decode_material_fn)(void *user, const char *json, int status, const char *error,
+                                   const char *warnings);
+/* material: the name of one of the file's, "" for the only one that has a medium. */
+void decoder_material(struct decoder *decoder, const char *path, const char *name,
+                      const char *material, decode_material_fn fn, void *user);
 /* Nobody waits for the result any more. A file that was not sent to the helper yet leaves the
  * queue: fn is called with PRT_CANCELLED. Others are decoded to their end. */
 void decoder_withdraw(struct decoder *decoder, const void *user);

@@ -11,27 +11,34 @@
 #include <stdint.h>
 #include <sys/types.h>
 
-enum { PACKET = 64 << 10, MAX_AT_ONCE = 4, MAX_RUNNING = 64, MAX_SIDE = 65536, MAX_WORD = 68 };
+enum {
+    PACKET = 64 << 10,
+    MAX_AT_ONCE = 4,
+    MAX_RUNNING = 64,
+    MAX_SIDE = 65536,
+    MAX_WORD = 68 + 65
+};
 
 #define MAX_FILE ((uint64_t)2 << 30)
 
-enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE };
+enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE, ASK_POSE, ASK_MATERIAL };
 
 struct ask {
     uint64_t number, memory_bytes, image_bytes;
-    uint32_t n_word; // strings that follow: path, name, and for a model the .prt and the opaque
-                     // names
+    uint32_t n_word; // strings that follow: path, name, and for a model the .prt, the materials
+                     // and the opaque names, for a pose the animation, for a
+                     // material its name
     uint32_t model;  // enum asked
     char request[65]; // id of the request that it is for
-    double size_mm, mm_per_unit;
-    uint32_t up_z;
-    struct prt_material material;
+    double size_mm, mm_per_unit, time_s;
+    uint32_t up_z, n_material;
+    char variant[64];
 };
 
 struct reply {
     uint64_t number;
     int32_t status;
-    uint32_t kind, width, height, cube_n, n_negative, n_nonfinite;
+    uint32_t kind, width, height, cube_n, n_negative, n_nonfinite, n_vertex;
     uint32_t crashed; // decoding processes ended by a signal
     float ms;
     char error[400];

@@ -4,6 +4,7 @@
 // {number, status, sizes} + error text, with the pixels of an image in a memory file.
 #include "jobs/decode_messages.h"
 
+#include "prt/media.h"
 #include "prt/transport.h"
 
 #include <errno.h>
@@ -28,29 +29,38 @@ static void keep_error(void *user, enum prt_log_level level, const char *line)
 }
 
 // Frees pages as soon as they are copied, so that memory holds one copy of a large image.
-static int write_pixels(const struct prt_env *env, size_t n)
+static bool write_all(int fd, const void *bytes, size_t n)
 {
     const size_t piece = 8 << 20, page = (size_t)sysconf(_SC_PAGESIZE);
-    int fd = memfd_create("environment", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-    if (fd < 0) return -1;
-    char *pixels = (char *)(env->kind == PRT_ENV_CUBE ? env->cube.texel : env->latlong.rgb);
+    const char *from = bytes;
     for (size_t put = 0; put < n;) {
-        ssize_t done = write(fd, pixels + put, n - put < piece ? n - put : piece);
+        ssize_t done = write(fd, from + put, n - put < piece ? n - put : piece);
         if (done < 0 && errno == EINTR) continue;
-        if (done <= 0) {
-            close(fd);
-            return -1;
-        }
-        uintptr_t begin = ((uintptr_t)(pixels + put) + page - 1) & ~(uintptr_t)(page - 1);
+        if (done <= 0) return false;
+        uintptr_t begin = ((uintptr_t)(from + put) + page - 1) & ~(uintptr_t)(page - 1);
         put += (size_t)done;
-        uintptr_t end = (uintptr_t)(pixels + put) & ~(uintptr_t)(page - 1);
+        uintptr_t end = (uintptr_t)(from + put) & ~(uintptr_t)(page - 1);
         if (begin < end) madvise((void *)begin, end - begin, MADV_DONTNEED);
     }
-    if (fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL)) {
-        close(fd);
-        return -1;
-    }
-    return fd;
+    return true;
+}
+
+// A sealed memory file of both pieces; the second may be empty.
+static int memory_file(const void *a, size_t n_a, const void *b, size_t n_b)
+{
+    int fd = memfd_create("decoded", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+    if (fd < 0) return -1;
+    if (write_all(fd, a, n_a) && write_all(fd, b, n_b) &&
+        !fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL))
+        return fd;
+    close(fd);
+    return -1;
+}
+
+static int write_pixels(const struct prt_env *env, size_t n)
+{
+    return memory_file(env->kind == PRT_ENV_CUBE ? env->cube.texel : env->latlong.rgb, n, NULL,
+                       0);
 }
 
 // Removes the store's folder from an error: it means nothing to the client.
@@ -92,46 +102,132 @@ static int read_image(const struct prt_context *ctx, bool as_env, int fd, const 
     return pixels_fd;
 }
 
-// Writes the mesh as a .prt with one empty tensor.
+// Writes the mesh as a .prt with one empty tensor, a cluster for each block.
 static int write_mesh(const struct prt_context *ctx, const char *out,
-                      const struct prt_mesh *mesh, const struct prt_material *material)
+                      const struct prt_mesh *mesh, const struct prt_media *media)
 {
-    struct prt_cluster all = {.n_vertex = mesh->n_vertex};
     struct prt_transport t = {.mesh = *mesh,
-                              .media = prt_media_one(material),
+                              .media = *media,
                               .cube = 16,
                               .engine = PRT_TRANSPORT_JOINT,
                               .n_tensor = 1,
                               .settings = "{}",
                               .errors = "{}"};
-    uint32_t *order = prt_alloc(mesh->n_vertex, sizeof *order);
-    if (!order) return prt_fail(ctx, PRT_NOMEM, "no memory for %u vertices", mesh->n_vertex);
-    for (uint32_t i = 0; i < mesh->n_vertex; i++) order[i] = i;
+    uint32_t *order = prt_alloc(mesh->n_vertex, sizeof *order), n = 0, n_cluster = 0;
+    struct prt_cluster *cluster = prt_calloc(mesh->n_block, sizeof *cluster);
+    int status = order && cluster
+                     ? PRT_OK
+                     : prt_fail(ctx, PRT_NOMEM, "no memory for %u vertices", mesh->n_vertex);
+    for (uint32_t b = 0; b < mesh->n_block && !status; b++) {
+        const struct prt_block *block = &mesh->block[b];
+        if (!block->n_vertex) continue;
+        cluster[n_cluster++] =
+            (struct prt_cluster){.vertex_begin = n, .n_vertex = block->n_vertex};
+        for (uint32_t i = 0; i < block->n_vertex; i++) order[n++] = block->vertex_begin + i;
+    }
     t.tensor[0] = (struct prt_tensor){.storage = PRT_STORAGE_RADIAL,
                                       .coupling = PRT_COUPLE_FULL,
                                       .n_vertex = mesh->n_vertex,
                                       .n_function = 1,
                                       .n_phase = 1,
                                       .n_radial = 1,
-                                      .n_cluster = 1,
+                                      .n_cluster = n_cluster,
                                       .order = order,
-                                      .cluster = &all};
-    int status = prt_file_write(ctx, out, &t);
+                                      .cluster = cluster};
+    if (!status) status = prt_file_write(ctx, out, &t);
     prt_free(order);
+    prt_free(cluster);
+    return status;
+}
+
+// What --material says, then the file's own media, then the first preset, as prt bake does.
+static int choose_media(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                        char *const *text, struct prt_material *material,
+                        struct prt_material *own, const struct prt_material *of_block[])
+{
+    struct prt_media_entry entry[PRT_MEDIA_MAX + 1];
+    char name[PRT_MEDIA_MAX + 1][128];
+    int status = n <= PRT_MEDIA_MAX + 1 ? PRT_OK : PRT_LIMIT;
+    for (uint32_t i = 0; i < n && !status; i++) {
+        const size_t length = prt_media_name_length(text[i]);
+        status = prt_material_load(ctx, text[i] + (length ? length + 1 : 0), &material[i]);
+        snprintf(name[i], sizeof name[i], "%.*s", length < 127 ? (int)length : 127, text[i]);
+        entry[i] = (struct prt_media_entry){name[i], &material[i]};
+    }
+    if (!status) status = prt_media_assign(ctx, mesh, n, entry, of_block);
+    if (status) return status;
+    prt_media_own(ctx, mesh, own, of_block);
+    for (uint32_t i = 0; i < mesh->n_block; i++)
+        if (!of_block[i]) of_block[i] = prt_material_preset(0);
+    return PRT_OK;
+}
+
+static int give_media(const struct prt_context *ctx, struct prt_mesh *mesh, uint32_t n,
+                      char *const *text, struct prt_media **out)
+{
+    struct prt_material *material = prt_alloc(n + 1, sizeof *material);
+    struct prt_material *own = prt_alloc(mesh->n_surface, sizeof *own);
+    const struct prt_material **of_block = prt_calloc(mesh->n_block, sizeof *of_block);
+    int status = material && own && of_block
+                     ? choose_media(ctx, mesh, n, text, material, own, of_block)
+                     : prt_fail(ctx, PRT_NOMEM, "no memory for the media");
+    if (!status) status = prt_media_divide(ctx, mesh, of_block);
+    if (!status) status = prt_media_create(ctx, mesh, of_block, out);
+    prt_free(material);
+    prt_free(own);
+    prt_free(of_block);
     return status;
 }
 
 static int read_model(const struct prt_context *ctx, const struct ask *ask, int fd,
                       const char *folder, char *const *word)
 {
-    struct prt_mesh_options options = {.opaque = (const char *const *)word + 3,
-                                       .up_z = ask->up_z != 0};
+    struct prt_mesh_options options = {.opaque =
+                                           (const char *const *)word + 3 + ask->n_material,
+                                       .up_z = ask->up_z != 0,
+                                       .variant = ask->variant[0] ? ask->variant : NULL};
     struct prt_mesh *mesh = NULL;
+    struct prt_media *media = NULL;
     int status = prt_mesh_load_fd(ctx, word[1], fd, folder, &options, &mesh);
     if (!status) status = prt_mesh_scale(ctx, mesh, ask->size_mm, ask->mm_per_unit);
-    if (!status) status = write_mesh(ctx, word[2], mesh, &ask->material);
+    if (!status) status = give_media(ctx, mesh, ask->n_material, word + 3, &media);
+    if (!status) status = write_mesh(ctx, word[2], mesh, media);
+    prt_free(media);
     prt_mesh_destroy(mesh);
     return status;
+}
+
+static int read_pose(const struct prt_context *ctx, const struct ask *ask, int fd,
+                     const char *folder, char *const *word, struct reply *reply)
+{
+    const struct prt_mesh_options options = {.up_z = ask->up_z != 0,
+                                             .no_textures = true,
+                                             .animation = word[2],
+                                             .time_s = ask->time_s};
+    struct prt_mesh *mesh = NULL;
+    reply->status = prt_mesh_load_fd(ctx, word[1], fd, folder, &options, &mesh);
+    if (reply->status) return -1;
+    const size_t n = (size_t)mesh->n_vertex * 12;
+    int out = memory_file(mesh->position, n, mesh->normal, n);
+    reply->n_vertex = mesh->n_vertex;
+    if (out < 0) reply->status = PRT_NOMEM;
+    prt_mesh_destroy(mesh);
+    return out;
+}
+
+static int read_material(const struct prt_context *ctx, int fd, char *const *word,
+                         struct reply *reply)
+{
+    struct prt_material material;
+    char *text = prt_alloc(PRT_MATERIAL_TEXT, 1);
+    int out = -1, n = -1;
+    reply->status =
+        text ? prt_material_load_foreign_fd(ctx, word[1], fd, word[2], &material) : PRT_NOMEM;
+    if (!reply->status) n = prt_material_print(&material, text, PRT_MATERIAL_TEXT);
+    if (n > 0) out = memory_file(text, (size_t)n, NULL, 0);
+    if (!reply->status && out < 0) reply->status = PRT_NOMEM;
+    prt_free(text);
+    return out;
 }
 
 // word: path, name, ... and NULL at the end.
@@ -150,6 +246,8 @@ static void serve(int socket_fd, const struct ask *ask, int fd, char *const *wor
     double start = prt_time_s();
     int pixels_fd = -1;
     if (ask->model == ASK_MODEL) reply.status = read_model(&ctx, ask, fd, folder, word);
+    else if (ask->model == ASK_POSE) pixels_fd = read_pose(&ctx, ask, fd, folder, word, &reply);
+    else if (ask->model == ASK_MATERIAL) pixels_fd = read_material(&ctx, fd, word, &reply);
     else pixels_fd = read_image(&ctx, ask->model == ASK_ENV, fd, word[1], &reply);
     if (reply.status && !reply.error[0])
         snprintf(reply.error, sizeof reply.error, "%s: %s", word[1],
@@ -165,8 +263,10 @@ static void serve(int socket_fd, const struct ask *ask, int fd, char *const *wor
 static bool split_words(char *packet, size_t n, const struct ask *ask, char *word[MAX_WORD + 1])
 {
     size_t at = sizeof *ask;
-    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model == ASK_MODEL ? 3u : 2u))
-        return false;
+    const uint32_t least = ask->model == ASK_MODEL ? 3 + ask->n_material
+                           : ask->model == ASK_POSE || ask->model == ASK_MATERIAL ? 3
+                                                                                  : 2;
+    if (ask->n_word > MAX_WORD || ask->n_word < least) return false;
     for (uint32_t i = 0; i < ask->n_word; i++) {
         size_t length = strnlen(packet + at, n - at);
         if (at + length >= n) return false;

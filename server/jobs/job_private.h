@@ -19,10 +19,12 @@ struct job {
     uint64_t order_us; // microseconds since 1970; unique
     char *recipe;
     bool recalled; // it waits for jobs_resume
-    bool suspended;
+    bool drafting; // order.draft runs
+    bool suspended, idle;
     int state;
     char stage[64];
     double fraction, eta_s;
+    struct pace pace;
     uint64_t queued_ns, started_ns, ended_ns, told_ns, published_ns;
     char error[400];
     char warnings[JOB_WARNING_BYTES];
@@ -38,16 +40,14 @@ struct jobs {
     struct server *server;
     const struct job_runner *runner;
     struct job *job;
+    struct pace_history history;
     uint64_t last_id, last_order_us;
-    unsigned n_queued, n_running, n_kept;
+    unsigned n_queued, n_running, n_idle, n_kept; // n_idle: of n_running
     bool stopping;
 };
 
 void job_free(struct job *job);
 void job_free_order(struct job_order *order);
-/* The fraction [0,1] of the whole bake at `fraction` of one of its stages, from the fraction
- * before: it never falls, and a stage of another name leaves it. */
-double job_overall(const char *stage, double fraction, double before);
 /* Seconds that it ran. */
 double job_elapsed_s(const struct job *job);
 /* Writes the job's record, behind earlier file operations; nothing with a temporary folder. */

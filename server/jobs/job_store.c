@@ -18,7 +18,9 @@
 void job_free_order(struct job_order *order)
 {
     for (char **a = order->argv; a && *a; a++) free(*a);
+    for (char **a = order->draft; a && *a; a++) free(*a);
     free(order->argv);
+    free(order->draft);
     free(order->cwd);
     *order = (struct job_order){0};
 }
@@ -69,7 +71,7 @@ void job_forget(const struct job *job)
     file_remove(job->jobs->server->file_queue, path);
 }
 
-// After the record: a folder without an ended record is that of a bake that goes on.
+// After the record: a folder without an ended record is that of an unfinished bake.
 void job_remove_folder(const struct job *job)
 {
     char path[PATH_MAX];

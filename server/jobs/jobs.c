@@ -21,28 +21,6 @@ static const uint64_t notify_gap_ns =
     100000000; // between two progress messages: at most ten a second
 static const uint64_t publish_gap_ns = 1000000000; // between two events: one a second
 
-static void start_next(struct jobs *jobs);
-
-// Stages of `prt bake` in order, with their share of the whole bake's fraction; chosen, not
-// measured. An unknown stage leaves the fraction unchanged.
-static const struct {
-    const char *stage;
-    double from, to;
-} stages[] = {
-    {"irradiance", 0, 0.3}, {"hierarchy", 0.3, 0.33},  {"multiple", 0.33, 0.55},
-    {"single", 0.55, 0.85}, {"measuring", 0.85, 0.99}, {"reference", 0.85, 0.99},
-};
-
-double job_overall(const char *stage, double fraction, double before)
-{
-    for (size_t i = 0; i < sizeof stages / sizeof *stages; i++)
-        if (!strncmp(stage, stages[i].stage, strlen(stages[i].stage))) {
-            double f = stages[i].from + (stages[i].to - stages[i].from) * fraction;
-            return f > before ? f : before;
-        }
-    return before;
-}
-
 static void tell(struct job *job, struct request *request, bool last)
 {
     Relight__Progress progress = RELIGHT__PROGRESS__INIT;
@@ -161,7 +139,11 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
     job->state = state[outcome];
     job->eta_s = outcome == JOB_OUT_DONE ? 0 : -1;
     job->run = NULL;
-    if (outcome == JOB_OUT_DONE) job->fraction = 1;
+    job->drafting = false;
+    if (outcome == JOB_OUT_DONE) {
+        pace_learn(&job->pace, &job->order.kind, &jobs->history, (double)job->ended_ns * 1e-9);
+        job->fraction = 1;
+    }
     keep_error(job, error ? error : "");
     uint64_t *count[] = {&stats->bakes_done, &stats->bakes_failed, &stats->bakes_cancelled};
     ++*count[outcome];
@@ -181,11 +163,14 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
 static void on_progress(void *user, const char *stage, double fraction, double eta_s)
 {
     struct job *job = user;
-    bool fresh = strcmp(job->stage, stage) != 0;
-    snprintf(job->stage, sizeof job->stage, "%s", stage);
-    job->fraction = job_overall(stage, fraction, job->fraction);
-    double elapsed = (double)(loop_now_ns() - job->started_ns) * 1e-9;
-    job->eta_s = job->fraction > 0.03 ? elapsed * (1 - job->fraction) / job->fraction : eta_s;
+    char name[sizeof job->stage];
+    snprintf(name, sizeof name, "%s%.40s", job->drafting ? "draft-" : "", stage);
+    bool fresh = strcmp(job->stage, name) != 0;
+    memcpy(job->stage, name, sizeof name);
+    const double now_s = (double)loop_now_ns() * 1e-9;
+    pace_report(&job->pace, job->drafting, stage, fraction, now_s);
+    job->fraction = job->pace.fraction;
+    job->eta_s = pace_left_s(&job->pace, now_s);
     tell_all(job, fresh);
 }
 
@@ -194,7 +179,7 @@ static void on_line(void *user, const char *line)
     struct job *job = user;
     log_line(LOG_EVENT, "job id=%s request=%s output=\"%s\"", job->id, job->order.request_id,
              line);
-    if (strncmp(line, "warning: ", 9)) return;
+    if (job->drafting || strncmp(line, "warning: ", 9)) return; // the bake repeats it
     size_t n = strlen(job->warnings);
     snprintf(job->warnings + n, sizeof job->warnings - n, "%s\n", line + 9);
 }
@@ -210,26 +195,80 @@ static void suspend(struct job *job)
     job->done = NULL;
 }
 
+static void start_next(struct jobs *jobs);
+static void on_ended(void *user, enum job_outcome outcome, const char *error);
+static void on_idle(void *user, bool idle);
+
+static const struct job_runner *runner_of(const struct job *job)
+{
+    const struct job_runner *runner = job->jobs->runner;
+    return job->drafting && runner->draft ? runner->draft : runner;
+}
+
+static void start_run(struct job *job, bool draft, char error[256])
+{
+    static const struct job_events events = {on_progress, on_line, on_idle, on_ended};
+    struct job_order order = job->order;
+    if (draft) order.argv = order.draft;
+    job->drafting = draft;
+    job->run = runner_of(job)->start(job->jobs->server, &order, &events, job, error);
+}
+
+// The draft has ended, well or not: the bake follows in the same place of the queue. False: it
+// could not be started.
+static bool bake_after_draft(struct job *job, enum job_outcome outcome, char error[256])
+{
+    log_line(outcome == JOB_OUT_DONE ? LOG_EVENT : LOG_WARN,
+             "job id=%s request=%s model=%s draft %s after=%.1fs", job->id,
+             job->order.request_id, job->model, outcome == JOB_OUT_DONE ? "done" : "failed",
+             (double)(loop_now_ns() - job->started_ns) * 1e-9);
+    if (outcome == JOB_OUT_DONE && job->order.drafted) job->order.drafted(job->user, job);
+    start_run(job, false, error);
+    return job->run != NULL;
+}
+
 static void on_ended(void *user, enum job_outcome outcome, const char *error)
 {
     struct job *job = user;
     struct jobs *jobs = job->jobs;
-    jobs->n_running--;
-    if (job->cancel_asked && outcome == JOB_OUT_FAILED) outcome = JOB_OUT_CANCELLED;
-    if (job->suspended && outcome != JOB_OUT_DONE) {
+    bool drafted = job->drafting;
+    char fault[256] = "";
+    jobs->n_idle -= job->idle;
+    job->idle = false;
+    if (job->cancel_asked && (drafted || outcome == JOB_OUT_FAILED)) {
+        outcome = JOB_OUT_CANCELLED;
+        error = "cancelled";
+    }
+    if (job->suspended && (drafted || outcome != JOB_OUT_DONE)) {
+        jobs->n_running--;
         job->run = NULL;
         suspend(job);
         return;
     }
+    if (drafted && outcome != JOB_OUT_CANCELLED) {
+        if (bake_after_draft(job, outcome, fault)) return;
+        outcome = JOB_OUT_FAILED;
+        error = fault;
+    }
+    jobs->n_running--;
     end_job(job, outcome, error);
     start_next(jobs);
 }
 
+static void on_idle(void *user, bool idle)
+{
+    struct job *job = user;
+    if (job->idle == idle) return;
+    job->idle = idle;
+    job->jobs->n_idle += idle ? 1u : -1u;
+    if (idle) start_next(job->jobs);
+}
+
 static void start_next(struct jobs *jobs)
 {
-    static const struct job_events events = {on_progress, on_line, on_ended};
     unsigned limit = jobs->server->options.bakes;
-    while (!jobs->stopping && jobs->n_running < (limit ? limit : 1) && jobs->n_queued) {
+    while (!jobs->stopping && jobs->n_running - jobs->n_idle < (limit ? limit : 1) &&
+           jobs->n_queued) {
         struct job *job = NULL;
         for (struct job *j = jobs->job; j; j = j->next)
             if (j->state == RELIGHT__JOB_STATE__JOB_QUEUED && !j->recalled)
@@ -238,7 +277,8 @@ static void start_next(struct jobs *jobs)
         char error[256];
         jobs->n_queued--;
         job->started_ns = loop_now_ns();
-        job->run = jobs->runner->start(jobs->server, &job->order, &events, job, error);
+        pace_plan(&job->pace, &job->order.kind, &jobs->history);
+        start_run(job, job->order.draft != NULL, error);
         if (!job->run) {
             end_job(job, JOB_OUT_FAILED, error);
             continue;
@@ -284,7 +324,7 @@ void jobs_stop(struct jobs *jobs)
             jobs_cancel(jobs, job);
         } else if (job->run) {
             job->suspended = true;
-            jobs->runner->cancel(job->run);
+            runner_of(job)->cancel(job->run);
         } else {
             suspend(job);
         }
@@ -342,6 +382,7 @@ struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
     snprintf(job->owner, sizeof job->owner, "%s", origin->owner);
     snprintf(job->folder, sizeof job->folder, "%s", origin->folder);
     snprintf(job->order.request_id, sizeof job->order.request_id, "%s", log_request());
+    snprintf(job->order.model, sizeof job->order.model, "%s", origin->model);
     job->recipe = strdup(origin->recipe);
     job->order_us = next_order(jobs);
     jobs->job = job;
@@ -370,6 +411,7 @@ void jobs_resume(struct jobs *jobs, struct job *job, struct job_order *order, jo
         return;
     }
     job->order = *order;
+    snprintf(job->order.model, sizeof job->order.model, "%s", job->model);
     job->done = done;
     job->user = user;
     log_line(LOG_EVENT, "job id=%s model=%s recalled", job->id, job->model);
@@ -388,11 +430,18 @@ void jobs_cancel(struct jobs *jobs, struct job *job)
     if (job->ended_ns || job->cancel_asked) return;
     job->cancel_asked = true;
     if (job->run) {
-        jobs->runner->cancel(job->run);
+        runner_of(job)->cancel(job->run);
         return;
     }
     jobs->n_queued--;
     end_job(job, JOB_OUT_CANCELLED, "cancelled while it was queued");
+}
+
+void job_set_vertices(struct job *job, uint32_t n_vertex)
+{
+    if (job->order.kind.n_vertex == n_vertex) return;
+    job->order.kind.n_vertex = n_vertex;
+    pace_plan(&job->pace, &job->order.kind, &job->jobs->history);
 }
 
 void jobs_watch(struct jobs *jobs, struct job *job, struct request *request)

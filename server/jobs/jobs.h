@@ -6,28 +6,37 @@
 #ifndef RELIGHTD_JOBS_H
 #define RELIGHTD_JOBS_H
 
+#include "jobs/pace.h"
+
 #include <stdbool.h>
 #include <stdint.h>
 
 struct server;
 struct request;
-struct job;
 
 /* A command to run: argv without the program, in folder cwd. `{progress}` in argv becomes the
  * descriptor number for lines of "stage fraction eta". */
+struct job;
 struct job_order {
     char **argv; /* NULL-terminated, malloc()ed strings; owned by the job */
+    char *
+        *draft; /* run before argv, which follows even where it fails; NULL: none. Owned, too */
+    void (*drafted)(void *user, struct job *job); /* the draft was made; user of jobs_add */
     char *cwd;
+    struct pace_kind kind;
     char request_id[65]; /* of the LOAD, "": none; jobs_add fills it, $RELIGHT_REQUEST_ID */
+    char model[40];      /* id; jobs_add fills it: the bake is DATA/bakes/ID.prt */
 };
 
-/* SUSPENDED: the daemon stops; the job goes on after the next start. */
+/* SUSPENDED: the daemon stops; the job continues after the next start. */
 enum job_outcome { JOB_OUT_DONE, JOB_OUT_FAILED, JOB_OUT_CANCELLED, JOB_OUT_SUSPENDED };
 
 /* Events of a run. ended is called exactly once, as the last one. */
 struct job_events {
     void (*progress)(void *user, const char *stage, double fraction, double eta_s);
     void (*line)(void *user, const char *line); /* of its stderr */
+    /* The run waits for another replica, and another job may run; or it does so no longer. */
+    void (*idle)(void *user, bool idle);
     void (*ended)(void *user, enum job_outcome outcome, const char *error);
 };
 
@@ -40,8 +49,11 @@ struct job_runner {
     void (*cancel)(struct job_run *run);
     /* A child process ended; true when it was a run's. */
     bool (*reap)(int pid, int how);
+    const struct job_runner *draft; /* starts drafts and cancels them; NULL: this one */
 };
 extern const struct job_runner job_runner_child;
+/* The same among replicas that share a folder (--store): one of them bakes a model. */
+extern const struct job_runner job_runner_shared;
 
 struct jobs;
 int jobs_create(struct server *server, const struct job_runner *runner, struct jobs **out);
@@ -83,6 +95,9 @@ struct job *jobs_find(struct jobs *jobs, const char *id);
 void jobs_cancel(struct jobs *jobs, struct job *job);
 /* Answers a WATCH request now and at every change, until the job ends. */
 void jobs_watch(struct jobs *jobs, struct job *job, struct request *request);
+
+/* The model's vertices are counted: the time left is planned again. */
+void job_set_vertices(struct job *job, uint32_t n_vertex);
 
 const char *job_id(const struct job *job);
 const char *job_model(const struct job *job); /* the model's id */

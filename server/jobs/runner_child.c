@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// The runner that starts `prt` as a child process: progress on one pipe, error output on
-// another, SIGTERM to cancel, then SIGKILL if it does not exit. The child has a limit on time,
-// keeps to a limit on memory by itself (prt bake --memory), and is killed when the daemon
-// exits, even by a crash.
+// The runner that starts `prt`, or with --runner slurm `relight-slurm` in its place, as a
+// child: progress on one pipe, error output on another, SIGTERM to cancel, then SIGKILL if it
+// does not exit. The child has a limit on time, keeps to a limit on memory by itself (prt bake
+// --memory), and is killed when the daemon exits, even by a crash.
 #include "jobs/jobs.h"
 #include "core/log.h"
 #include "core/server.h"
@@ -243,21 +243,43 @@ static struct rlimit cpu_limit(const struct server *server)
     return (struct rlimit){(rlim_t)seconds, (rlim_t)seconds + 5};
 }
 
-// The prt next to this program, else the one on PATH.
+static bool on_slurm(const struct server *server)
+{
+    return !strcmp(server->options.runner, "slurm");
+}
+
+// The prt next to this program, else the one on PATH; or relight-slurm.
 static void find_program(const struct server *server, char out[4096])
 {
+    const char *name = on_slurm(server) ? "relight-slurm" : "prt";
     ssize_t n = readlink("/proc/self/exe", out, 4000);
-    if (server->options.prt[0]) {
+    if (server->options.prt[0] && !on_slurm(server)) {
         snprintf(out, 4096, "%s", server->options.prt);
         return;
     }
     if (n > 0) {
         out[n] = 0;
         char *slash = strrchr(out, '/');
-        strcpy(slash ? slash + 1 : out, "prt");
+        strcpy(slash ? slash + 1 : out, name);
         if (!access(out, X_OK)) return;
     }
-    strcpy(out, "prt");
+    strcpy(out, name);
+}
+
+// What goes before the command of prt: texts to free(), as many as it returns, or -1.
+static int leading(const struct server *server, char *out[4])
+{
+    const struct options *o = &server->options;
+    if (!on_slurm(server)) return 0;
+    if (asprintf(&out[0], "--folder=%s", o->slurm_folder) < 0) return -1;
+    if (asprintf(&out[1], "--tasks=%u", o->slurm_tasks) < 0) return -1;
+    if (asprintf(&out[2], "--sbatch=%s", o->slurm_arguments) < 0) return -1;
+    return (out[3] = strdup("--")) ? 4 : -1;
+}
+
+static void free_texts(char *text[4])
+{
+    for (int i = 0; i < 4; i++) free(text[i]);
 }
 
 // This process's environment and the id of the request; NULL without memory. `word` must
@@ -279,8 +301,10 @@ static struct job_run *child_start(struct server *server, const struct job_order
     char program[4096], number[12], request[96] = "";
     find_program(server, program);
     size_t n = 0;
+    char *first[4] = {NULL};
+    int n_first = leading(server, first);
     while (order->argv[n]) n++;
-    char **argv = calloc(n + 2, sizeof *argv);
+    char **argv = n_first < 0 ? NULL : calloc(n + (size_t)n_first + 2, sizeof *argv);
     if (order->request_id[0])
         snprintf(request, sizeof request, "RELIGHT_REQUEST_ID=%s", order->request_id);
     char **environment = make_environment(request);
@@ -289,8 +313,10 @@ static struct job_run *child_start(struct server *server, const struct job_order
     if (!argv || !run || !environment) goto fail;
     argv[0] = "prt";
     snprintf(number, sizeof number, "%d", PROGRESS_FD);
+    for (int i = 0; i < n_first; i++) argv[i + 1] = first[i];
     for (size_t i = 0; i < n; i++)
-        argv[i + 1] = strcmp(order->argv[i], "{progress}") ? order->argv[i] : number;
+        argv[i + 1 + (size_t)n_first] =
+            strcmp(order->argv[i], "{progress}") ? order->argv[i] : number;
     if (pipe2(progress, O_CLOEXEC) || pipe2(errors, O_CLOEXEC)) {
         err = errno;
         goto fail;
@@ -319,6 +345,7 @@ static struct job_run *child_start(struct server *server, const struct job_order
     setpriority(PRIO_PROCESS, (id_t)run->pid, own + (int)server->options.bake_nice);
     close(progress[1]);
     close(errors[1]);
+    free_texts(first);
     free(argv);
     free(environment);
     runs = run;
@@ -339,6 +366,7 @@ fail:
         if (progress[i] >= 0) close(progress[i]);
         if (errors[i] >= 0) close(errors[i]);
     }
+    free_texts(first);
     free(argv);
     free(environment);
     free(run);

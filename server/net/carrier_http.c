@@ -49,19 +49,19 @@ struct server *http_server(struct lws *wsi)
 
 // ---- admission
 
-// Allows an upgrade to WebSocket on /ws with subprotocol relight.v1 only. libwebsockets chooses
-// among the subprotocols that the client names; on_page and on_loop refuse their own.
+// Allows an upgrade to WebSocket on /ws and /ws/MODEL with subprotocol relight.v1 only.
+// libwebsockets chooses among the subprotocols that the client names; on_page and on_loop
+// refuse their own.
 static int confirm_upgrade(struct lws *wsi)
 {
-    char path_room[16], protocol_room[128], to_room[32];
+    char protocol_room[128], to_room[32];
     // Not the text that libwebsockets passes: after an upgrade that it does not know it has
     // answered already, and its headers are freed.
     const char *to = http_header(wsi, WSI_TOKEN_UPGRADE, to_room, sizeof to_room);
     if (to && !*to) return -1;
-    const char *path = http_header(wsi, WSI_TOKEN_GET_URI, path_room, sizeof path_room);
     const char *names =
         http_header(wsi, WSI_TOKEN_PROTOCOL, protocol_room, sizeof protocol_room);
-    if (to && !strcasecmp(to, "websocket") && path && !strcmp(path, "/ws") && names &&
+    if (to && !strcasecmp(to, "websocket") && websocket_path(wsi) && names &&
         strstr(names, SUBPROTOCOL) && http_admitted(wsi, false))
         return 0;
     lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);

@@ -31,7 +31,7 @@ struct stream {
     bool reading, writing;
     char *rest; // bytes that were read and not decoded: the turn was over
     size_t rest_at, rest_size;
-    struct loop_timer again; // goes on with them
+    struct loop_timer again; // continues with them
 };
 
 static char buffer[BUFFER];

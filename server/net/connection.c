@@ -157,7 +157,7 @@ bool connection_identify(struct connection *conn, const struct caller *caller, c
             principal_release(to);
             return false;
         }
-        // What was charged for the connection goes with it; an open request keeps its own.
+        // Returns what was charged for the connection; an open request keeps its own charge.
         ledger_force(to, LEDGER_OUTPUT, conn->out_charged);
         ledger_force(to, LEDGER_PAYLOAD, conn->payload_charged);
         ledger_give(from, LEDGER_OUTPUT, conn->out_charged);
@@ -219,6 +219,7 @@ void connection_close(struct connection *conn, const char *why)
     loop_timer_stop(server->loop, &conn->timer);
     while (conn->requests) request_abandon(conn->requests);
     materials_drop(conn);
+    if (conn->server->fetch_drop) conn->server->fetch_drop(conn);
     conn->carrier->close(conn);
     for (struct out_frame *f = conn->out, *next; f; f = next) {
         next = f->next;
@@ -378,8 +379,37 @@ void connection_part(struct connection *conn, const void *bytes, size_t n, bool 
     }
 }
 
-int connection_output(const struct connection *conn, struct iovec *iov, int max)
+// DEADLINE in place of an answer that waits for its reader. Without memory the answer stays.
+static void replace_late(struct connection *conn, struct out_frame *f)
 {
+    struct relight_frame frame = {
+        .flags = RELIGHT_FRAME_LAST, .type = RELIGHT_TYPE_ERROR, .id = f->id};
+    Relight__Error error;
+    struct error_fields fields;
+    uint8_t *head;
+    size_t n;
+    error_fill(&error, RELIGHT__ERROR_CODE__ERROR_DEADLINE,
+               "the deadline passed while the answer waited to be read", &fields);
+    f->late_ns = 0;
+    if (relight_frame_pack(&frame, &error.base, 0, 0, &head, &n)) return;
+    if (f->payload.release) f->payload.release(f->payload.owner);
+    free(f->head);
+    ledger_give(conn->principal, LEDGER_OUTPUT, f->size);
+    ledger_force(conn->principal, LEDGER_OUTPUT, n);
+    conn->out_charged += n - f->size;
+    conn->out_bytes += n - f->size;
+    f->head = head;
+    f->head_size = f->size = n;
+    f->payload = (struct payload){0};
+    if (f == conn->out) conn->message_left = n;
+    conn->server->stats.deadline_total++;
+}
+
+int connection_output(struct connection *conn, struct iovec *iov, int max)
+{
+    const uint64_t now = loop_now_ns();
+    for (struct out_frame *f = conn->out; f; f = f->next)
+        if (f->late_ns && !f->sent && now >= f->late_ns) replace_late(conn, f);
     int n = 0;
     for (const struct out_frame *f = conn->out; f && n < max; f = f->next) {
         if (f->sent < f->head_size)
@@ -460,6 +490,8 @@ static bool queue_frame(struct connection *conn, struct relight_frame *frame,
         relight_header_repair(frame->type, out->head + RELIGHT_FRAME_FIXED, frame->header_size);
     if (payload) out->payload = *payload;
     out->more = frame->flags & RELIGHT_FRAME_MORE;
+    out->id = frame->id;
+    out->late_ns = conn->late_ns;
     enqueue(conn, out);
     return true;
 }
@@ -532,6 +564,7 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
     size_t piece =
         conn->max_payload && conn->max_payload < size ? conn->max_payload / 64 * 64 : size;
     bool ok = true, first = !conn->out;
+    if (piece < size) conn->late_ns = 0; // one in several frames is sent whole
     for (size_t at = 0; ok && (at < size || at == 0); at += piece) {
         size_t n = size - at < piece ? size - at : piece;
         bool last = at + n == size;

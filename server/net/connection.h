@@ -36,11 +36,12 @@ struct carrier {
 
 struct out_frame {
     struct out_frame *next;
-    bool more; /* its message goes on in the next frame */
+    bool more; /* its message continues in the next frame */
     uint8_t *head;
     size_t head_size, sent;
     struct payload payload;
-    size_t size; /* head + payload */
+    size_t size;          /* head + payload */
+    uint64_t id, late_ns; /* an answer that is not begun by then is not sent; 0: none */
 };
 
 struct connection {
@@ -61,6 +62,7 @@ struct connection {
     size_t out_bytes;    /* queued and not sent */
     size_t out_charged;  /* of OUTPUT: whole frames until their last byte is sent */
     size_t message_left; /* of them, those of the message that is being sent */
+    uint64_t late_ns;    /* deadline of the answer that connection_send is given; 0: none */
     uint64_t full_ns; /* since when more than --send-buffer is queued behind it; 0: not now */
     struct request *requests;
     unsigned n_request, n_long; /* n_long: of them, views and watches */
@@ -73,6 +75,8 @@ struct connection {
         uint32_t retry_ms;       /* for BUSY; 0: unknown */
     } refusal;                   /* of the frame that is being read */
     struct material_wait *waits; /* materials.c: requests about views, in their order */
+    struct shared_wait
+        *fetches; /* ops/shared_fetch.c: the same, that wait for other replicas */
     struct loop_timer timer;
     bool message_full; /* WebSocket: the current message's frame is complete */
     uint64_t opened_ns;
@@ -115,7 +119,7 @@ void connection_part(struct connection *conn, const void *bytes, size_t n, bool 
 void connection_committed(struct connection *conn, size_t n, int status);
 /* Next bytes to write, and the number of written bytes. connection_written closes a connection
  * that was only waiting to be flushed. */
-int connection_output(const struct connection *conn, struct iovec *iov, int max);
+int connection_output(struct connection *conn, struct iovec *iov, int max);
 void connection_written(struct connection *conn, size_t n);
 
 /* Queues bytes that are no frame: head (malloc()ed, taken) and the payload (taken, may be

@@ -15,44 +15,42 @@
 
 // ---- the table of operations
 
-static const char *load_material(const ProtobufCMessage *message)
+static void load_materials(const ProtobufCMessage *message, struct material_texts *texts)
 {
-    return ((const Relight__LoadRequest *)message)->material;
+    const Relight__LoadRequest *m = (const Relight__LoadRequest *)message;
+    material_texts_add(texts, m->material);
+    material_texts_of_objects(texts, m->n_materials, m->materials);
 }
 
-static const char *own_material(const ProtobufCMessage *message)
+static void own_material(const ProtobufCMessage *message, struct material_texts *texts)
 {
-    return ((const Relight__MaterialRequest *)message)->material;
+    const Relight__MaterialRequest *m = (const Relight__MaterialRequest *)message;
+    if (!m->blob[0]) material_texts_add(texts, m->material); // else it names one of the file's
 }
 
-static const char *shade_material(const Relight__Shade *shade)
+static void state_materials(const Relight__ViewState *state, struct material_texts *texts)
 {
-    return shade ? shade->material : "";
+    if (state) material_texts_of_shade(texts, state->shade);
 }
 
-static const char *state_material(const Relight__ViewState *state)
+static void colors_materials(const ProtobufCMessage *message, struct material_texts *texts)
 {
-    return shade_material(state ? state->shade : NULL);
+    material_texts_of_shade(texts, ((const Relight__ColorsRequest *)message)->shade);
 }
 
-static const char *colors_material(const ProtobufCMessage *message)
+static void image_materials(const ProtobufCMessage *message, struct material_texts *texts)
 {
-    return shade_material(((const Relight__ColorsRequest *)message)->shade);
+    material_texts_of_shade(texts, ((const Relight__ImageRequest *)message)->shade);
 }
 
-static const char *image_material(const ProtobufCMessage *message)
+static void view_open_materials(const ProtobufCMessage *message, struct material_texts *texts)
 {
-    return shade_material(((const Relight__ImageRequest *)message)->shade);
+    state_materials(((const Relight__ViewOpenRequest *)message)->state, texts);
 }
 
-static const char *view_open_material(const ProtobufCMessage *message)
+static void view_set_materials(const ProtobufCMessage *message, struct material_texts *texts)
 {
-    return state_material(((const Relight__ViewOpenRequest *)message)->state);
-}
-
-static const char *view_set_material(const ProtobufCMessage *message)
-{
-    return state_material(((const Relight__ViewSetRequest *)message)->state);
+    state_materials(((const Relight__ViewSetRequest *)message)->state, texts);
 }
 
 enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
@@ -76,17 +74,17 @@ ROW(ping_request, op_ping, DRAINING | ALWAYS | GUEST, 0, MAX_PING, NULL)
 ROW(list_request, op_list, 0, VIEW, 0, NULL)
 ROW(put_blob_request, op_put_blob, 0, UPLOAD, ANY, NULL)
 ROW(env_request, op_env, GUEST, VIEW, 0, NULL)
-ROW(load_request, models_load, 0, UPLOAD, 0, load_material)
+ROW(load_request, models_load, 0, UPLOAD, 0, load_materials)
 ROW(watch_request, op_watch, LONG, VIEW, 0, NULL)
 ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, EDIT, 0, NULL)
 ROW(cancel_request, op_cancel, DRAINING | ALWAYS | GUEST, 0, 0, NULL)
 ROW(info_request, op_info, GUEST, VIEW, 0, NULL)
 ROW(geometry_request, op_geometry, GUEST, VIEW, 0, NULL)
-ROW(colors_request, op_colors, GUEST, VIEW, ANY, colors_material)
-ROW(image_request, op_image, GUEST, VIEW, ANY, image_material)
+ROW(colors_request, op_colors, GUEST, VIEW, ANY, colors_materials)
+ROW(image_request, op_image, GUEST, VIEW, ANY, image_materials)
 ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED | GUEST, VIEW, ANY,
-    view_open_material)
-ROW(view_set_request, op_view_set, ORDERED | GUEST, VIEW, ANY, view_set_material)
+    view_open_materials)
+ROW(view_set_request, op_view_set, ORDERED | GUEST, VIEW, ANY, view_set_materials)
 ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED | GUEST, 0, 0, NULL)
 ROW(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)
 ROW(unload_request, op_unload, 0, EDIT, 0, NULL)
@@ -222,6 +220,25 @@ static void take_one_way(struct connection *conn, const struct relight_frame *fr
     protobuf_c_message_free_unpacked(message, NULL);
 }
 
+static void resolve_materials(struct request *request)
+{
+    const struct operation *operation = operation_of(request->type);
+    struct material_texts texts;
+    texts.n = 0;
+    if (operation->materials) operation->materials(request->message, &texts);
+    material_then(request, operation->materials ? &texts : NULL,
+                  operation->flags & OPERATION_ORDERED, run_operation);
+}
+
+// Uploads and models that another replica has come here first.
+static void fetched_then(struct request *request, const struct operation *operation)
+{
+    struct server *server = request->server;
+    if (server->fetch_then && request->conn->greeted)
+        server->fetch_then(request, operation->flags & OPERATION_ORDERED, resolve_materials);
+    else resolve_materials(request);
+}
+
 void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
                     uint8_t *payload)
 {
@@ -241,9 +258,7 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");
     else if (guest_allowed(request, operation) && operation_allowed(request, operation->scopes))
-        material_then(request,
-                      operation->material ? operation->material(request->message) : NULL,
-                      operation->flags & OPERATION_ORDERED, run_operation);
+        fetched_then(request, operation);
 }
 
 // ---- waiting for a model

@@ -43,13 +43,14 @@ enum operation_flag {
     OPERATION_GUEST = 64,        /* also for those who come with an invitation to a room */
     OPERATION_ORDERED = 32,      /* requests of a connection about views run in their order */
 };
+struct material_texts;
 struct operation {
     void (*run)(struct request *request);
     unsigned flags;
     unsigned scopes;    /* that the caller needs: enum access_scope */
     size_t max_payload; /* bytes; 0: no payload is allowed */
-    /* The text of the material it names, "" for none. NULL: its message has no material. */
-    const char *(*material)(const ProtobufCMessage *message);
+    /* Adds the texts of the materials it names. NULL: its message has no material. */
+    void (*materials)(const ProtobufCMessage *message, struct material_texts *texts);
     /* One-way types, instead of run: no request is created and nothing is answered. */
     void (*take)(struct connection *conn, const ProtobufCMessage *message);
 };

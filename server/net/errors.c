@@ -35,6 +35,8 @@ const char *error_hint(int code)
         return "upload it again from offset 0";
     case RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN:
         return "connect again in a moment";
+    case RELIGHT__ERROR_CODE__ERROR_MOVED:
+        return "connect to the address that the error names";
     case RELIGHT__ERROR_CODE__ERROR_LIMIT:
         return "the daemon's configuration or its machine sets this limit";
     case RELIGHT__ERROR_CODE__ERROR_MISMATCH:

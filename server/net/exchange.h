@@ -19,7 +19,7 @@ struct exchange;
 /* The bodies that a request may have. */
 enum exchange_body {
     BODY_NONE,
-    BODY_FILE,        /* goes to the store of uploads */
+    BODY_FILE,        /* written to the store of uploads */
     BODY_FILE_OR_JSON /* or, as application/json, it is the operation's message */
 };
 

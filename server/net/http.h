@@ -38,6 +38,8 @@ struct websocket {
     struct loop_timer paused; /* armed: they took more, and the rest waits for the next turn */
 };
 /* libwebsockets' callback for the subprotocol; user is a struct websocket. */
+/* Whether the request is for /ws, or for /ws/MODEL, by which a proxy chooses a replica. */
+bool websocket_path(struct lws *wsi);
 int websocket_event(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
                     size_t n);
 

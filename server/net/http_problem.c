@@ -33,6 +33,7 @@ static int status_of(const struct connection *conn, int code)
     case RELIGHT__ERROR_CODE__ERROR_JOB_FAILED:
         return 409;
     case RELIGHT__ERROR_CODE__ERROR_NO_MEMORY:
+    case RELIGHT__ERROR_CODE__ERROR_MOVED:
     case RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN:
     case RELIGHT__ERROR_CODE__ERROR_CANCELLED:
         return 503;

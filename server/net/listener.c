@@ -5,6 +5,7 @@
 #include "core/access.h"
 #include "core/address.h"
 #include "core/log.h"
+#include "net/proxy_peer.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -58,7 +59,7 @@ void accepted_describe(int fd, struct accepted *client)
     client->fd = fd;
     snprintf(client->peer, sizeof client->peer, "?");
     snprintf(client->who, sizeof client->who, "unknown");
-    if (getpeername(fd, (struct sockaddr *)&a, &n)) return;
+    if (proxy_peer_name(fd, &a, &n)) return;
     client->local = a.ss_family == AF_UNIX;
     address_name(&a, n, client->peer, sizeof client->peer);
     if (client->local && !getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &user, &size))
@@ -102,9 +103,10 @@ static int accept_one(const struct listener *l)
 static void hand_over(const struct listener *l, int fd, bool no_room)
 {
     struct accepted client = {.no_room = no_room, .tls = l->tls};
+    proxy_peer_forget(fd);
     accepted_describe(fd, &client);
     if (!client.local) accepted_tune(fd);
-    l->fn(l->server, &client);
+    if (!proxy_peer_take(l->server, &client, l->fn)) l->fn(l->server, &client);
 }
 
 // The listener is level-triggered: it would be reported without end while nothing can be

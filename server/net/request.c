@@ -62,7 +62,7 @@ static void end(struct request *request)
     if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
     request_drop_payload(request);
-    cache_release(request->material);
+    cache_release(request->materials);
     ledger_give(request->principal, LEDGER_PAYLOAD, request->header_charged);
     ledger_give(request->principal, request->counted, 1);
     principal_release(request->principal);
@@ -195,12 +195,13 @@ static void log_refusal(const struct connection *conn, const char *request_id, u
 
 // retry_ms: for BUSY, when to repeat the request; 0: unknown.
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
-                       uint32_t retry_ms, uint64_t generation)
+                       uint32_t retry_ms, uint64_t generation, const char *moved)
 {
     Relight__Error error;
     struct error_fields fields;
     error_fill(&error, code, text, &fields);
     error.generation = generation;
+    if (moved) error.address = (char *)moved;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : retry_after_ms(conn->server);
         conn->server->stats.busy_total++;
@@ -232,7 +233,9 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
     }
     request->abandon = NULL;
     request->outcome = STATS_OK;
+    conn->late_ns = request->deadline.armed ? request->deadline.at_ns : 0;
     connection_send(conn, type, RELIGHT_FRAME_LAST, id, message, payload);
+    conn->late_ns = 0;
     if (!conn->dead) end(request); // a connection that closed here has ended it already
 }
 
@@ -255,7 +258,8 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     log_refusal(conn, request->request_id, request->type, request->id, code, text);
     request->abandon = NULL;
     request->outcome = code;
-    send_error(conn, request->id, code, text, request->retry_ms, request->generation);
+    send_error(conn, request->id, code, text, request->retry_ms, request->generation,
+               request->moved);
     if (!conn->dead) end(request);
 }
 
@@ -429,7 +433,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     conn->refusal.code = 0;
     stats_ended(&conn->server->stats, frame->type, code, 0);
     log_refusal(conn, conn->request_id, frame->type, frame->id, code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0, NULL);
     conn->refusal.retry_ms = 0;
     return NULL;
 }

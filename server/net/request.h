@@ -20,15 +20,16 @@ struct request {
     struct principal *principal;              /* that is charged for it */
     enum ledger_resource counted;             /* REQUESTS or LONG_REQUESTS */
     uint64_t payload_charged, header_charged; /* bytes of PAYLOAD */
-    struct cache_entry *material; /* of the material its message names, where that was parsed
-                                     on a worker: render/shared/materials.h. NULL: not yet, or
-                                     used already. Held */
+    struct cache_entry *materials; /* those its message names, where they were parsed on a
+                                      worker: render/shared/materials.h. NULL: not yet, or
+                                      used already. Held */
     char payload_hash[65]; /* SHA-256 of a large payload, by a worker; "": not computed */
     size_t
         payload_bad; /* with it: 1 + the index of the first float outside [0, 1e9]; 0: none */
     struct loop_timer deadline;
     uint32_t retry_ms;   /* of the ERROR that will end it, for BUSY; 0: unknown */
     uint64_t generation; /* of the ERROR that will end it; 0: none */
+    const char *moved;   /* address in the ERROR that will end it, for MOVED; NULL: none */
     /* The state of a long operation, and its clean-up function: called once before the request
      * is freed, unless the operation ended it. A request may have several states one after
      * another (it waits for its material, then it is a view): `abandon` identifies the current

@@ -31,7 +31,7 @@ void answer_load(struct exchange *x, const ProtobufCMessage *message, bool last,
     const Relight__LoadAnswer *in = (const Relight__LoadAnswer *)message;
     drop_payload(payload);
     exchange_field(x, "location:", "/v1/models/%s", in->model);
-    if (in->job[0]) // the bake goes on
+    if (in->job[0]) // the bake continues
         exchange_field(x, "link:", "</v1/jobs/%s/events>; rel=\"monitor\"", in->job);
     exchange_json(x, in->job[0] ? 202 : 200, message);
 }

@@ -250,7 +250,7 @@ static bool keep_data(struct exchange *x, const char *data, size_t n)
     return true;
 }
 
-// The size is known: the body goes its way as one of Content-Length does.
+// The size is known: from here the body is treated as one with a Content-Length.
 static void run_chunked(struct exchange *x)
 {
     size_t n = x->chunk_at;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
-/* upload.h owns the bodies of HTTP requests. A file goes to the store of uploads as it comes,
- * in chunks that are charged before they are allocated (PUT_BLOB); the socket is not read while
- * two of them wait for the disk. Its hash is computed on the way. JSON is kept until it is
- * complete, and charged, too. Loop thread only. */
+/* upload.h owns the bodies of HTTP requests. A file is written to the store of uploads as it
+ * arrives, in chunks that are charged before they are allocated (PUT_BLOB); the socket is not
+ * read while two of them wait for the disk. Its hash is computed on the way. JSON is kept until
+ * it is complete, and charged, too. Loop thread only. */
 #ifndef RELIGHTD_UPLOAD_H
 #define RELIGHTD_UPLOAD_H
 

@@ -17,7 +17,7 @@ struct web_refusal {
 
 /* Checks a request of the socket fd. authorization: the Authorization header ("Bearer TOKEN"),
  * "" for none, NULL when it is unreadable. query_token: the value of ?token=, decoded, for
- * clients that cannot send headers (EventSource); the header goes before it. scopes: those that
+ * clients that cannot send headers (EventSource); the header has precedence. scopes: those that
  * the endpoint needs (enum access_scope), 0 for any known caller.
  * True: *out is the caller; charge ledger_principal(server->ledger, out->name). One request is
  * taken from its quota of requests a second. False: *refusal is filled and one line of the

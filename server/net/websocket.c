@@ -81,8 +81,8 @@ static int ws_write(struct websocket *s, struct lws *wsi)
     const struct out_frame *f = conn->out;
     if (!f) return 0;
     struct iovec iov[2];
+    const int n_iov = connection_output(conn, iov, 2); // may replace a late answer
     size_t n = 0, left = f->size - f->sent;
-    int n_iov = connection_output(conn, iov, 2);
     for (int i = 0; i < n_iov && n < HTTP_CHUNK && n < left; i++) {
         size_t take = iov[i].iov_len < HTTP_CHUNK - n ? iov[i].iov_len : HTTP_CHUNK - n;
         if (take > left - n) take = left - n; // a message holds one frame
@@ -126,15 +126,20 @@ static int write_refusal(struct websocket *s, struct lws *wsi)
     return -1;
 }
 
+bool websocket_path(struct lws *wsi)
+{
+    char room[160];
+    const char *path = http_header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
+    return path && (!strcmp(path, "/ws") || (!strncmp(path, "/ws/", 4) && path[4]));
+}
+
 int websocket_event(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
                     size_t n)
 {
     struct websocket *s = user;
     switch (reason) {
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: {
-        char room[16];
-        const char *path = http_header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
-        return path && !strcmp(path, "/ws") && http_admitted(wsi, false) ? 0 : -1;
+        return websocket_path(wsi) && http_admitted(wsi, false) ? 0 : -1;
     }
     case LWS_CALLBACK_ESTABLISHED:
         *s = (struct websocket){.wsi = wsi, .paused.fire = ws_go_on};

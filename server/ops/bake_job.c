@@ -48,7 +48,7 @@ static void add_strings(cJSON *json, const char *key, char *const *text, size_t 
 static char *bake_recipe(const struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
-    char version[64], material[PRT_MATERIAL_TEXT];
+    char version[64];
     struct load_args args = {0};
     cJSON *json = cJSON_CreateObject();
     print_version(version);
@@ -58,16 +58,24 @@ static char *bake_recipe(const struct load *load)
     cJSON_AddNumberToObject(json, "size_mm", (double)r->size_mm);
     cJSON_AddNumberToObject(json, "mm_per_unit", (double)r->mm_per_unit);
     cJSON_AddBoolToObject(json, "up_z", r->up_z);
-    prt_material_print(&load->resolved, material, sizeof material);
-    cJSON_AddStringToObject(json, "preview_material", material);
+    cJSON_AddStringToObject(json, "variant", r->variant);
     add_strings(json, "opaque", r->opaque, r->n_opaque);
-    if (load->material_json) load_add_arg(&args, "--material=.material.json");
-    else if (load->material[0]) load_add_arg(&args, "--material=%s", load->material);
+    for (unsigned i = 0; i < load->n_material; i++)
+        load_add_arg(&args, "--material=%s", load->material[i].arg);
     load_add_settings(&args, r);
     if (!strncmp(load->env, "env:", 4)) load_add_arg(&args, "--env=.environment");
     else if (load->env[0]) load_add_arg(&args, "--env=%s", load->env);
     add_strings(json, "args", args.argv, args.n);
     for (size_t i = 0; i < args.n; i++) free(args.argv[i]);
+    if (load_wants_draft(load)) {
+        args.n = 0;
+        load_add_draft(&args, load);
+        add_strings(json, "draft", args.argv, args.n);
+        for (size_t i = 0; i < args.n; i++) free(args.argv[i]);
+    }
+    cJSON_AddBoolToObject(json, "no_single", r->bake && r->bake->no_single);
+    cJSON_AddBoolToObject(json, "joint", load_is_joint(load));
+    cJSON_AddNumberToObject(json, "samples", r->bake ? r->bake->samples : 0);
     char *text = cJSON_PrintUnformatted(json);
     cJSON_Delete(json);
     return text;
@@ -85,6 +93,36 @@ static float number_of(const cJSON *json, const char *key)
     return cJSON_IsNumber(item) ? (float)item->valuedouble : 0;
 }
 
+// ---- the draft
+
+#define DRAFT_FILE ".draft.prt" // in the bake's folder, with which it goes
+
+static void draft_path(const char *folder, char path[PATH_MAX])
+{
+    snprintf(path, PATH_MAX, "%.*s/" DRAFT_FILE, PATH_MAX - 16, folder);
+}
+
+static void take_draft(struct model *m, const char *folder, const char *recipe)
+{
+    int code;
+    char path[PATH_MAX], error[256];
+    cJSON *json = cJSON_Parse(recipe);
+    draft_path(folder, path);
+    model_take_draft(m, path,
+                     !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "no_single")));
+    cJSON_Delete(json);
+    // Opened at once: watchers request pictures next.
+    if (model_answering(m) != m) cache_release(model_open(m, &code, error));
+}
+
+static void drafted(void *user, struct job *job)
+{
+    struct baking *b = user;
+    if (b->model->gone) return;
+    take_draft(b->model, b->folder, job_recipe(job));
+    model_changed(b->model);
+}
+
 // ---- the command
 
 // Disk space that the finished work of this bake may take; 0: none is kept.
@@ -97,32 +135,62 @@ static uint64_t checkpoint_room(struct server *server)
     return room < least_room ? 0 : room;
 }
 
+// `prt bake` with the options that any bake has; out is written last, and whole.
+static void begin_command(struct load_args *c, const struct options *o, const cJSON *recipe)
+{
+    load_add_arg(c, "bake");
+    load_add_arg(c, "./%s", text_of(recipe, "file"));
+    load_add_arg(c, "--progress-fd");
+    load_add_arg(c, "{progress}");
+    load_add_arg(c, "--quiet");
+    load_add_arg(c, "--memory=%llu", (unsigned long long)o->bake_memory);
+    if (o->bake_threads) load_add_arg(c, "--threads=%u", o->bake_threads);
+}
+
+// With the recipe's arguments of this key; NULL where it has none, or without memory.
+static char **end_command(struct load_args *c, const cJSON *recipe, const char *key)
+{
+    const cJSON *arg, *args = cJSON_GetObjectItemCaseSensitive(recipe, key);
+    char **argv = calloc(MAX_ARGS + 1, sizeof *argv);
+    cJSON_ArrayForEach(arg, args) if (cJSON_IsString(arg))
+        load_add_arg(c, "%s", arg->valuestring);
+    if (argv && args) {
+        memcpy(argv, c->argv, c->n * sizeof *argv);
+        return argv;
+    }
+    for (size_t i = 0; i < c->n; i++) free(c->argv[i]);
+    free(argv);
+    return NULL;
+}
+
 // Paths are relative to the folder of the bake, so that DATA may be moved between two starts.
 static struct job_order bake_order(struct server *server, const char *id, const char *folder,
                                    const cJSON *recipe)
 {
     const struct options *o = &server->options;
-    struct load_args c = {0};
+    struct load_args c = {0}, draft = {0};
     uint64_t room = checkpoint_room(server);
-    load_add_arg(&c, "bake");
-    load_add_arg(&c, "./%s", text_of(recipe, "file"));
+    char path[PATH_MAX];
+    begin_command(&c, o, recipe);
     load_add_arg(&c, "-o");
     load_add_arg(&c, "../../bakes/%s.prt", id);
-    load_add_arg(&c, "--progress-fd");
-    load_add_arg(&c, "{progress}");
-    load_add_arg(&c, "--quiet");
-    load_add_arg(&c, "--memory=%llu", (unsigned long long)o->bake_memory);
-    if (o->bake_threads) load_add_arg(&c, "--threads=%u", o->bake_threads);
     if (room) {
         load_add_arg(&c, "--checkpoint=.checkpoint");
         load_add_arg(&c, "--checkpoint-room=%llu", (unsigned long long)room);
     }
-    const cJSON *arg;
-    cJSON_ArrayForEach(
-        arg, cJSON_GetObjectItemCaseSensitive(recipe, "args")) if (cJSON_IsString(arg))
-        load_add_arg(&c, "%s", arg->valuestring);
-    struct job_order order = {calloc(c.n + 1, sizeof(char *)), strdup(folder)};
-    if (order.argv) memcpy(order.argv, c.argv, c.n * sizeof(char *));
+    struct job_order order = {.argv = end_command(&c, recipe, "args"), .cwd = strdup(folder)};
+    order.kind = (struct pace_kind){
+        .joint = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "joint")),
+        .single = !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "no_single")),
+        .n_sample = (uint32_t)number_of(recipe, "samples")};
+    draft_path(folder, path);
+    if (!access(path, F_OK)) return order; // made before a restart
+    begin_command(&draft, o, recipe);
+    load_add_arg(&draft, "-o");
+    load_add_arg(&draft, DRAFT_FILE);
+    order.draft = end_command(&draft, recipe, "draft");
+    order.drafted = drafted;
+    order.kind.draft = order.draft != NULL;
     return order;
 }
 
@@ -169,6 +237,8 @@ static void measure_done(struct file_task *task)
         free(b);
         return;
     }
+    if (b->model->job && b->model->facts.known)
+        job_set_vertices(b->model->job, b->model->facts.n_vertex);
     uint64_t before = b->charged;
     charge_folder(b, b->measured);
     if (b->charged > before) evict_for_room(b->server, NULL);
@@ -223,6 +293,7 @@ static void baked(struct model *m)
     int code;
     char error[256];
     model_set_state(m, RELIGHT__MODEL_STATE__MODEL_READY);
+    model_drop_draft(m);
     model_remember(m);
     // Opened at once: watchers request colours next, and opening determines the file's size.
     cache_release(model_open(m, &code, error));
@@ -232,6 +303,7 @@ static void baked(struct model *m)
 static void not_baked(struct model *m, int code, const char *error)
 {
     m->error_code = code;
+    model_drop_draft(m);
     snprintf(m->error, sizeof m->error, "%s", error);
     model_set_state(m, RELIGHT__MODEL_STATE__MODEL_FAILED);
 }
@@ -316,18 +388,20 @@ done:
 static void resume_preview(struct model *m, const char *folder, const cJSON *recipe)
 {
     char path[PATH_MAX + 256];
-    char *opaque[MAX_OPAQUE];
-    struct prt_material material = *prt_material_preset(0);
-    size_t n = 0;
+    char *opaque[MAX_OPAQUE], *material[MATERIAL_TEXTS];
+    size_t n = 0, n_material = 0;
     const cJSON *name;
-    struct prt_context quiet;
-    prt_context_init(&quiet);
     if (m->mesh == MESH_THERE) return;
     cJSON_ArrayForEach(name, cJSON_GetObjectItemCaseSensitive(
                                  recipe, "opaque")) if (cJSON_IsString(name) && n < MAX_OPAQUE)
         opaque[n++] = name->valuestring;
-    const char *text = text_of(recipe, "preview_material");
-    (void)prt_material_parse(&quiet, "material", text, strlen(text), &material);
+    cJSON_ArrayForEach(name, cJSON_GetObjectItemCaseSensitive(recipe, "args"))
+    {
+        const char *text = cJSON_GetStringValue(name);
+        if (text && !strncmp(text, "--material=", 11) && n_material < MATERIAL_TEXTS &&
+            (material[n_material] = load_material_path(text + 11, folder)))
+            n_material++;
+    }
     snprintf(path, sizeof path, "%s/%s", folder, text_of(recipe, "file"));
     struct decode_model order = {
         .path = path,
@@ -335,10 +409,13 @@ static void resume_preview(struct model *m, const char *folder, const cJSON *rec
         .size_mm = (double)number_of(recipe, "size_mm"),
         .mm_per_unit = (double)number_of(recipe, "mm_per_unit"),
         .up_z = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "up_z")),
-        .material = &material,
+        .variant = text_of(recipe, "variant"),
+        .n_material = n_material,
+        .material = material,
         .n_opaque = n,
         .opaque = opaque};
     preview_start(m, &order, "");
+    while (n_material) free(material[--n_material]);
 }
 
 // Why the job cannot go on; NULL: it can.
@@ -374,6 +451,7 @@ static void resume(struct models *models, struct server *server, struct job *job
         m->job = job;
         resume_preview(m, folder, recipe);
         struct job_order order = bake_order(server, m->id, folder, recipe);
+        take_draft(m, folder, job_recipe(job));
         jobs_resume(server->jobs, job, &order, bake_ended, b, NULL);
     } else {
         file_remove(server->file_queue, folder);

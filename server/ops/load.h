@@ -7,11 +7,19 @@
 
 #include "net/request.h"
 #include "prt/medium.h"
+#include "render/shared/materials.h"
 #include "relight.pb-c.h"
 #include "store/import_file.h"
 #include "store/model_files.h"
 
-enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
+enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE + MATERIAL_TEXTS };
+
+// A material of LOAD, as `prt bake` is given it.
+struct load_material {
+    char *arg;     // of --material: [OBJECT=]NAME or [OBJECT=]FILE
+    char file[32]; // of the folders; "": a preset
+    char *text;    // the preset's name, or the file's JSON
+};
 
 struct load_file {
     char *name; // relative, as the model refers to it; the model itself is the first
@@ -40,16 +48,16 @@ struct load {
     size_t n_sibling;
     char source[65]; // hash that names the source
     char name[128];
-    char env[96];                     // bake.env in its canonical form; "" none
-    char material[PRT_MATERIAL_TEXT]; // preset's name or canonical JSON; "" none
-    bool material_json;
-    struct prt_material resolved; // the same, or the default material of a bake
-    struct model *model;          // NULL: not known yet
+    char env[96]; // bake.env in its canonical form; "" none
+    struct load_material material[MATERIAL_TEXTS];
+    unsigned n_material;
+    struct model *model; // NULL: not known yet
     // Laying out: the wanted files and the outcome.
     bool find_bake;
     char preview_folder[PATH_MAX], bake_folder[PATH_MAX]; // "": not wanted
     uint64_t bake_bytes;                                  // of a bake that is there; 0: none
-    int fault;                                            // errno
+    bool away; // that bake is in the folder that replicas share
+    int fault; // errno
     const char *fault_name;
 };
 
@@ -83,12 +91,19 @@ const char *load_file_part(const char *path);
 /* struct model's `source` of a LOAD by path, to free(): JSON with its files, and the packed
  * request in hex digits. NULL without memory. */
 char *load_source_text(const struct load *load);
+/* The packed request in hex digits, to free(); NULL without memory. */
+char *load_packed(const struct load *load);
 
 /* load_bake.c */
 void load_name_model(const struct load *load, char id[MODEL_ID + 1]);
+/* Links a file under a name, with its folders, below `folder`. 0 or errno. Any thread. */
+int load_link_file(const char *from, const char *folder, const char *name);
 int load_run_lay_out(struct file_task *task);
 void load_fail_lay_out(struct load *load);
 void load_order_preview(const struct load *load, struct model *m);
+/* An argument of --material for the helper process, which reads its file in the folder; to
+ * free(). */
+char *load_material_path(const char *arg, const char *folder);
 struct load_args {
     char *argv[MAX_ARGS + 1]; // malloc
     size_t n;
@@ -98,6 +113,13 @@ void load_add_arg(struct load_args *args, const char *fmt, ...)
 /* Settings in a fixed order, as options of `prt bake`: the command, and what names the model.
  */
 void load_add_settings(struct load_args *args, const Relight__LoadRequest *r);
+
+/* Whether a draft comes before the bake: not where the request or the daemon wants none, not
+ * for polynomial transport, and not where the bake is nearly as quick. */
+bool load_wants_draft(const struct load *load);
+bool load_is_joint(const struct load *load); /* of joint transport */
+/* The options of its `prt bake --draft`. */
+void load_add_draft(struct load_args *args, const struct load *load);
 
 /* bake_job.c. 0, or the protocol's error code with its text: BUSY names the limit that is in
  * the way. */

@@ -5,6 +5,7 @@
 
 #include "core/log.h"
 #include "prt/bake.h"
+#include "prt/media.h"
 
 #include <errno.h>
 #include <stdarg.h>
@@ -23,19 +24,63 @@ void load_add_arg(struct load_args *args, const char *fmt, ...)
 }
 
 static const char *const transport_word[] = {"", "wavelet", "polynomial", "joint"};
+static const char *const scattering_word[] = {"", "dipole", "walk"};
 static const char *const storage_word[] = {"", "factored", "sparse"};
+
+// A bake of fewer samples or a smaller light takes little longer than a draft, which has 20,000
+// samples and a light of 6x16x16 texels.
+static const uint32_t draft_least_samples = 40000, draft_least_cube = 32;
+
+bool load_wants_draft(const struct load *load)
+{
+    static const Relight__BakeSettings none = RELIGHT__BAKE_SETTINGS__INIT;
+    const Relight__LoadRequest *r = load_message(load);
+    const Relight__BakeSettings *b = r->bake ? r->bake : &none;
+    return !r->no_draft && b->transport != RELIGHT__TRANSPORT__TRANSPORT_POLYNOMIAL &&
+           (!b->samples || b->samples >= draft_least_samples) &&
+           (!b->cube || b->cube >= draft_least_cube);
+}
+
+static void add_placement(struct load_args *a, const Relight__LoadRequest *r)
+{
+    if (r->size_mm > 0) load_add_arg(a, "--size-mm=%.9g", (double)r->size_mm);
+    if (r->mm_per_unit > 0) load_add_arg(a, "--mm-per-unit=%.9g", (double)r->mm_per_unit);
+    if (r->up_z) load_add_arg(a, "--up=z");
+    if (r->variant[0]) load_add_arg(a, "--variant=%s", r->variant);
+    for (size_t i = 0; i < r->n_opaque; i++) load_add_arg(a, "--opaque=%s", r->opaque[i]);
+}
+
+// The same choice as that of `prt bake`.
+bool load_is_joint(const struct load *load)
+{
+    const Relight__BakeSettings *b = load_message(load)->bake;
+    bool sparse = b && (b->coeffs || b->storage == RELIGHT__STORAGE__STORAGE_SPARSE);
+    if (b && b->transport) return b->transport == RELIGHT__TRANSPORT__TRANSPORT_JOINT;
+    return !load->n_material && !sparse;
+}
+
+void load_add_draft(struct load_args *a, const struct load *load)
+{
+    const Relight__LoadRequest *r = load_message(load);
+    const Relight__BakeSettings *b = r->bake;
+    load_add_arg(a, "--draft");
+    load_add_arg(a, "--transport=%s", load_is_joint(load) ? "joint" : "wavelet");
+    for (unsigned i = 0; i < load->n_material; i++)
+        load_add_arg(a, "--material=%s", load->material[i].arg);
+    add_placement(a, r);
+    if (b && b->seed) load_add_arg(a, "--seed=%llu", (unsigned long long)b->seed);
+}
 
 // Settings in a fixed order, as options of `prt bake`: the command, and the model's id.
 void load_add_settings(struct load_args *a, const Relight__LoadRequest *r)
 {
     const Relight__BakeSettings *b = r->bake;
-    if (r->size_mm > 0) load_add_arg(a, "--size-mm=%.9g", (double)r->size_mm);
-    if (r->mm_per_unit > 0) load_add_arg(a, "--mm-per-unit=%.9g", (double)r->mm_per_unit);
-    if (r->up_z) load_add_arg(a, "--up=z");
-    for (size_t i = 0; i < r->n_opaque; i++) load_add_arg(a, "--opaque=%s", r->opaque[i]);
+    add_placement(a, r);
     if (!b) return;
     if (b->transport) load_add_arg(a, "--transport=%s", transport_word[b->transport]);
     if (b->storage) load_add_arg(a, "--storage=%s", storage_word[b->storage]);
+    if (b->scattering) load_add_arg(a, "--scattering=%s", scattering_word[b->scattering]);
+    if (b->walks) load_add_arg(a, "--walks=%u", b->walks);
     if (b->samples) load_add_arg(a, "--samples=%u", b->samples);
     if (b->cube) load_add_arg(a, "--cube=%u", b->cube);
     if (b->coeffs) load_add_arg(a, "--coeffs=%u", b->coeffs);
@@ -48,6 +93,19 @@ void load_add_settings(struct load_args *a, const Relight__LoadRequest *r)
     if (b->env[0]) load_add_arg(a, "--rotate=%.9g", (double)b->rotate_deg);
 }
 
+// One medium for all objects, or "", then those by object.
+static void add_materials(const struct load *load, struct relight_sha256 *sha)
+{
+    const bool one = load->n_material && !prt_media_name_length(load->material[0].arg);
+    if (!one) relight_sha256_add(sha, "", 1);
+    for (unsigned i = 0; i < load->n_material; i++) {
+        const struct load_material *m = &load->material[i];
+        relight_sha256_add(sha, m->arg, prt_media_name_length(m->arg));
+        if (prt_media_name_length(m->arg)) relight_sha256_add(sha, "=", 1);
+        relight_sha256_add(sha, m->text, strlen(m->text) + 1);
+    }
+}
+
 void load_name_model(const struct load *load, char id[MODEL_ID + 1])
 {
     struct relight_sha256 sha;
@@ -58,7 +116,7 @@ void load_name_model(const struct load *load, char id[MODEL_ID + 1])
     relight_sha256_init(&sha);
     relight_sha256_add(&sha, versions, strlen(versions) + 1);
     relight_sha256_add(&sha, load->source, strlen(load->source) + 1);
-    relight_sha256_add(&sha, load->material, strlen(load->material) + 1);
+    add_materials(load, &sha);
     for (size_t i = 0; i < a.n; i++) {
         relight_sha256_add(&sha, a.argv[i], strlen(a.argv[i]) + 1);
         free(a.argv[i]);
@@ -77,7 +135,7 @@ static void file_source(const struct load *load, const char *hash, bool copy,
     else blobs_path(load->server->blobs, hash, path, PATH_MAX);
 }
 
-static int link_file(const char *from, const char *folder, const char *name)
+int load_link_file(const char *from, const char *folder, const char *name)
 {
     char to[PATH_MAX];
     if (snprintf(to, sizeof to, "%s/%s", folder, name) >= PATH_MAX) return ENAMETOOLONG;
@@ -98,24 +156,40 @@ static int link_files(struct load *load, const char *folder)
         const struct load_file *f = &load->file[i];
         load->fault_name = f->name;
         file_source(load, f->hash, f->copy != NULL, from);
-        err = link_file(from, folder, f->name);
+        err = load_link_file(from, folder, f->name);
     }
     return err;
 }
 
+static int write_materials(struct load *load, const char *folder)
+{
+    char path[PATH_MAX + 40];
+    load->fault_name = "material";
+    for (unsigned i = 0; i < load->n_material; i++) {
+        const struct load_material *m = &load->material[i];
+        if (!m->file[0]) continue;
+        snprintf(path, sizeof path, "%s/%s", folder, m->file);
+        if (prt_write_file(NULL, path, m->text, strlen(m->text))) return errno;
+    }
+    return 0;
+}
+
+static int lay_out_preview(struct load *load)
+{
+    int err = link_files(load, load->preview_folder);
+    return err ? err : write_materials(load, load->preview_folder);
+}
+
 static int lay_out_bake(struct load *load)
 {
-    char path[PATH_MAX + 16], from[PATH_MAX];
+    char from[PATH_MAX];
     int err = link_files(load, load->bake_folder);
     if (!err && !strncmp(load->env, "env:", 4)) {
         load->fault_name = "bake.env";
         file_source(load, load->env + 4, false, from);
-        err = link_file(from, load->bake_folder, ".environment");
+        err = load_link_file(from, load->bake_folder, ".environment");
     }
-    if (err || !load->material_json) return err;
-    load->fault_name = "material";
-    snprintf(path, sizeof path, "%s/.material.json", load->bake_folder);
-    return prt_write_file(NULL, path, load->material, strlen(load->material)) ? errno : 0;
+    return err ? err : write_materials(load, load->bake_folder);
 }
 
 int load_run_lay_out(struct file_task *task)
@@ -128,7 +202,10 @@ int load_run_lay_out(struct file_task *task)
         load->bake_bytes = (uint64_t)st.st_size;
         return PRT_OK;
     }
-    if (load->preview_folder[0]) load->fault = link_files(load, load->preview_folder);
+    load->away = load->find_bake && !object_find(load->server->objects, OBJECT_BAKE,
+                                                 load->model->id, &load->bake_bytes);
+    if (load->away) return PRT_OK;
+    if (load->preview_folder[0]) load->fault = lay_out_preview(load);
     if (!load->fault && load->bake_folder[0]) load->fault = lay_out_bake(load);
     if (load->fault && load->preview_folder[0]) remove_tree(load->preview_folder);
     if (load->fault && load->bake_folder[0]) remove_tree(load->bake_folder);
@@ -164,20 +241,39 @@ void load_fail_lay_out(struct load *load)
 
 // ---- the preview
 
+char *load_material_path(const char *arg, const char *folder)
+{
+    const size_t n = prt_media_name_length(arg), name = n ? n + 1 : 0;
+    char *out = NULL;
+    if (strncmp(arg + name, ".material", 9)) return strdup(arg);
+    // A '/' before any '=' of the folder's own name.
+    return asprintf(&out, "%.*s%s%s/%s", (int)name, arg, *folder == '/' ? "" : "./", folder,
+                    arg + name) < 0
+               ? NULL
+               : out;
+}
+
 // Has the model's file read, so that image-space engines can answer.
 void load_order_preview(const struct load *load, struct model *m)
 {
     const Relight__LoadRequest *r = load_message(load);
-    char path[2 * PATH_MAX];
+    char path[2 * PATH_MAX], *material[MATERIAL_TEXTS];
+    size_t n = 0;
     if (!load->preview_folder[0]) return;
+    for (; n < load->n_material; n++)
+        if (!(material[n] = load_material_path(load->material[n].arg, load->preview_folder)))
+            break;
     snprintf(path, sizeof path, "%s/%s", load->preview_folder, load->file[0].name);
     struct decode_model order = {.path = path,
                                  .name = load->name,
                                  .size_mm = r->size_mm,
                                  .mm_per_unit = r->mm_per_unit,
                                  .up_z = r->up_z,
-                                 .material = &load->resolved,
+                                 .variant = r->variant,
+                                 .n_material = n,
+                                 .material = material,
                                  .n_opaque = r->n_opaque,
                                  .opaque = r->opaque};
     preview_start(m, &order, load->preview_folder);
+    while (n) free(material[--n]);
 }

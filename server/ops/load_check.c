@@ -3,9 +3,11 @@
 #include "ops/load.h"
 
 #include "prt/bake_limits.h"
+#include "prt/media.h"
 #include "render/render.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 bool load_safe_name(const char *name)
@@ -40,6 +42,7 @@ const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
         return bad_range(reason, r->mm_per_unit, 1e-9, 1e9, "mm", "mm_per_unit");
     if (r->size_mm != 0 && r->mm_per_unit != 0)
         return "size_mm and mm_per_unit are both given: one scale is wanted";
+    if (strlen(r->variant) > 63) return "variant: the name has more than 63 bytes";
     if (r->n_opaque > MAX_OPAQUE)
         return bad_range(reason, (float)r->n_opaque, 0, MAX_OPAQUE, "", "opaque");
     if (!b) return NULL;
@@ -48,6 +51,14 @@ const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
         return "transport is unknown";
     if (!protobuf_c_enum_descriptor_get_value(&relight__storage__descriptor, (int)b->storage))
         return "storage is unknown";
+    if (!protobuf_c_enum_descriptor_get_value(&relight__scattering__descriptor,
+                                              (int)b->scattering))
+        return "scattering is unknown";
+    const bool walk = b->scattering == RELIGHT__SCATTERING__SCATTERING_WALK;
+    if (b->walks && !walk) return "walks are for scattering walk";
+    if (walk && ((b->transport && b->transport != RELIGHT__TRANSPORT__TRANSPORT_WAVELET) ||
+                 (!b->transport && !r->material[0] && !r->n_materials)))
+        return "scattering walk is for wavelet transport: name a material, and no other transport";
     // The library's bounds and its words.
     if (!prt_bake_setting_ok(PRT_BAKE_CUBE, b->cube, reason) ||
         !prt_bake_setting_ok(PRT_BAKE_PHASE_TERMS, b->phase_terms, reason) ||
@@ -55,6 +66,7 @@ const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
         !prt_bake_setting_ok(PRT_BAKE_RANK, b->rank, reason) ||
         !prt_bake_setting_ok(PRT_BAKE_COEFFS, b->coeffs, reason) ||
         !prt_bake_setting_ok(PRT_BAKE_SINGLE_POINTS, b->single_points, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_WALKS, b->walks, reason) ||
         !prt_bake_error_ok((double)b->max_error, reason))
         return reason;
     if (bad_real(b->rotate_deg, -1e6f, 1e6f))
@@ -62,32 +74,83 @@ const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
     return NULL;
 }
 
-// The settings' checks that need more than numbers; answers and returns false when one fails.
+static bool refuse(struct load *load, int code, const char *text)
+{
+    request_fail(load->request, code, "%s", text);
+    return false;
+}
+
+static bool refuse_object(struct load *load, const char *object, const char *why)
+{
+    request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                 "material of \"%.63s\": %s", object, why);
+    return false;
+}
+
+// Whether --material can name the object, and no other entry does.
+static bool check_object(struct load *load, const char *object)
+{
+    const size_t n = strlen(object);
+    if (object[strcspn(object, "={/")])
+        return refuse_object(load, object, "the name of an object has no '=', '{' or '/' here");
+    for (unsigned i = 0; i < load->n_material; i++) {
+        const char *other = load->material[i].arg;
+        const size_t m = prt_media_name_length(other);
+        if (m == n && !strncmp(other, object, n))
+            return refuse_object(load, object, "another entry gives it a material, too");
+    }
+    return true;
+}
+
+static bool add_material(struct load *load, const char *object, const char *text)
+{
+    struct load_material *own = &load->material[load->n_material];
+    struct prt_material *material = malloc(sizeof *material);
+    char *json = malloc(PRT_MATERIAL_TEXT), error[300] = "not enough memory";
+    bool preset = false;
+    int code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    bool good = material && json;
+    if (good && !(good = !material_of_request(load->request, text, material, &preset, error)))
+        code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+    if (good) {
+        if (preset) snprintf(json, PRT_MATERIAL_TEXT, "%s", material->name);
+        else prt_material_print(material, json, PRT_MATERIAL_TEXT);
+        if (!preset && !*object) snprintf(own->file, sizeof own->file, ".material.json");
+        else if (!preset)
+            snprintf(own->file, sizeof own->file, ".material-%u.json", load->n_material);
+        own->text = strdup(json);
+        if (asprintf(&own->arg, "%s%s%s", object, *object ? "=" : "",
+                     preset ? material->name : own->file) < 0)
+            own->arg = NULL;
+        load->n_material++;
+        good = own->text && own->arg;
+    }
+    free(material);
+    free(json);
+    return good || refuse(load, code, error);
+}
+
+// The materials; answers and returns false when one fails.
 bool load_check_material(struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
-    struct prt_material material;
-    char error[300];
-    bool preset;
-    load->resolved = *prt_material_preset(0); // as prt bake
-    if (!r->material[0]) {
-        // As prt bake: where no transport is named either, a bake that leaves the material
-        // open.
-        bool fixed = r->bake && r->bake->transport == RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
-        if (fixed)
-            request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
-                         "material is missing: a preset's name or JSON text");
-        return !fixed;
+    // As prt bake: where no transport is named either, a bake that leaves the material open.
+    bool fixed = r->bake && r->bake->transport == RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
+    if (fixed && !r->material[0] && !r->n_materials)
+        return refuse(load, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                      "material is missing: a preset's name or JSON text");
+    if (r->n_materials > PRT_MEDIA_MAX)
+        return refuse(load, RELIGHT__ERROR_CODE__ERROR_LIMIT, "more than 64 materials");
+    if (r->material[0] && !add_material(load, "", r->material)) return false;
+    for (size_t i = 0; i < r->n_materials; i++) {
+        const Relight__ObjectMaterial *m = r->materials[i];
+        if (!m->object[0] || !m->material[0])
+            return refuse(load, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                          "materials: an object or a material is missing");
+        if (!check_object(load, m->object) || !add_material(load, m->object, m->material))
+            return false;
     }
-    int status = material_of_request(load->request, r->material, &material, &preset, error);
-    if (status) {
-        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, "%s", error);
-        return false;
-    }
-    load->material_json = !preset;
-    load->resolved = material;
-    if (preset) snprintf(load->material, sizeof load->material, "%s", material.name);
-    else prt_material_print(&material, load->material, sizeof load->material);
+    materials_used(load->request);
     return true;
 }
 

@@ -117,29 +117,40 @@ void load_import_next(struct load *load)
     imports_get(load->server->imports, path, load->owner, &load->import);
 }
 
-char *load_source_text(const struct load *load)
+char *load_packed(const struct load *load)
 {
     static const char digits[] = "0123456789abcdef";
     const ProtobufCMessage *message = load->request->message;
     size_t n = protobuf_c_message_get_packed_size(message);
     uint8_t *bytes = malloc(n + 1);
-    char *hex = calloc(n + 1, 2), path[PATH_MAX], *text = NULL;
-    cJSON *json = cJSON_CreateObject(), *files = cJSON_AddArrayToObject(json, "files");
-    for (size_t i = 0; i < load->n_file; i++) {
-        path_of(load, i, path);
-        cJSON_AddItemToArray(files, cJSON_CreateString(path));
-    }
+    char *hex = calloc(n + 1, 2);
     if (bytes && hex) {
         protobuf_c_message_pack(message, bytes);
         for (size_t i = 0; i < n; i++) {
             hex[2 * i] = digits[bytes[i] >> 4];
             hex[2 * i + 1] = digits[bytes[i] & 15];
         }
+    } else {
+        free(hex);
+        hex = NULL;
+    }
+    free(bytes);
+    return hex;
+}
+
+char *load_source_text(const struct load *load)
+{
+    char *hex = load_packed(load), path[PATH_MAX], *text = NULL;
+    cJSON *json = cJSON_CreateObject(), *files = cJSON_AddArrayToObject(json, "files");
+    for (size_t i = 0; i < load->n_file; i++) {
+        path_of(load, i, path);
+        cJSON_AddItemToArray(files, cJSON_CreateString(path));
+    }
+    if (hex) {
         cJSON_AddStringToObject(json, "request", hex);
         text = cJSON_PrintUnformatted(json);
     }
     cJSON_Delete(json);
-    free(bytes);
     free(hex);
     return text;
 }

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 // HELLO, PING, LIST, INFO, GEOMETRY, UNLOAD and STATS.
 #include "ops/geometry_textures.h"
+#include "net/replicas.h"
 #include "net/dispatch.h"
+#include "ops/model_messages.h"
 #include "core/log.h"
 #include "core/access.h"
 #include "store/models.h"
@@ -26,9 +28,10 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "coefficients", "env-cube", "error-range", "events",      "get-blob", "goaway",
-        "material",     "poses",    "rooms",       "run",         "sign",     "textures",
-        "tokens",       "view-ack", "view-equal",  "view-fields",
+        "animations", "coefficients", "env-cube",   "error-range", "events",
+        "get-blob",   "goaway",       "material",   "materials",   "poses",
+        "rooms",      "route",        "run",        "sign",        "textures",
+        "tokens",     "view-ack",     "view-equal", "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
@@ -78,6 +81,26 @@ static size_t scope_list(unsigned scopes, char *out[8])
     return n;
 }
 
+// Another replica serves the connection's route, or will when this one has gone: the client is
+// told where, and connects there.
+static bool sent_elsewhere(struct request *request, const Relight__HelloRequest *in)
+{
+    const struct server *server = request->server;
+    const struct options *o = &server->options;
+    struct connection *conn = request->conn;
+    char address[128];
+    if (!in->route[0] || in->stay || conn->greeted || strlen(in->route) > 200 ||
+        !replica_choose(o->replicas, in->route, server->leaving ? o->advertise : "", address,
+                        sizeof address) ||
+        !strcmp(address, o->advertise))
+        return false;
+    request->moved = address;
+    request_fail(request, RELIGHT__ERROR_CODE__ERROR_MOVED, "%.80s is served by %.120s",
+                 in->route, address);
+    if (!conn->dead) connection_finish(conn, "another replica serves its route");
+    return true;
+}
+
 void op_hello(struct request *request)
 {
     const Relight__HelloRequest *in = MESSAGE(HelloRequest);
@@ -99,7 +122,7 @@ void op_hello(struct request *request)
                      "%s; 0 is no limit", error);
         return;
     }
-    if (!identify(request, in->token)) return;
+    if (sent_elsewhere(request, in) || !identify(request, in->token)) return;
     conn->greeted = true;
     conn->decoder.limits =
         (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD, true};
@@ -149,21 +172,13 @@ struct info_text {
     struct error_fields fields;
     char *warnings[64], *warning_text;
     char *settings, *errors;
-    char material[PRT_MATERIAL_TEXT];
 };
-
-static void fill_vec3(Relight__Vec3 *out, const float v[3])
-{
-    relight__vec3__init(out);
-    out->x = v[0];
-    out->y = v[1];
-    out->z = v[2];
-}
 
 static void fill_info(const struct model *m, const char *asker, struct info_text *t)
 {
     Relight__ModelInfo *out = &t->info;
-    const struct model_facts *f = &m->facts;
+    const struct model *answering = model_answering((struct model *)m);
+    const struct model_facts *f = answering->facts.known ? &answering->facts : &m->facts;
     relight__model_info__init(out);
     out->model = (char *)m->id;
     out->name = (char *)model_name_for(m, asker);
@@ -179,11 +194,12 @@ static void fill_info(const struct model *m, const char *asker, struct info_text
         out->n_object = f->n_object;
         out->mm_per_unit = f->mm_per_unit;
         out->stale = m->pose && baked;
-        fill_vec3(&t->low, f->box[0]);
-        fill_vec3(&t->high, f->box[1]);
+        fill_vec3(&t->low, m->facts.known ? m->facts.box[0] : f->box[0]);
+        fill_vec3(&t->high, m->facts.known ? m->facts.box[1] : f->box[1]);
         out->box_min = &t->low;
         out->box_max = &t->high;
     }
+    out->draft = answering != m;
     if (f->baked) {
         out->engine = (Relight__Engine)(RELIGHT__ENGINE__ENGINE_WAVELET + (int)f->engine);
         out->storage = (Relight__Storage)(RELIGHT__STORAGE__STORAGE_FACTORED + (int)f->storage);
@@ -297,81 +313,22 @@ end:
     free(out.files);
 }
 
-struct block_text {
-    Relight__Block block;
-    Relight__Vec3 color;
-};
-
-// Block messages of a mesh; one allocation each for the array and the pointers.
-static struct block_text *fill_blocks(const struct prt_mesh *mesh, Relight__Block ***out)
-{
-    struct block_text *text = calloc(mesh->n_block + 1, sizeof *text);
-    *out = calloc(mesh->n_block + 1, sizeof **out);
-    for (uint32_t i = 0; text && *out && i < mesh->n_block; i++) {
-        const struct prt_block *b = &mesh->block[i];
-        const struct prt_surface *s = &mesh->surface[b->surface];
-        Relight__Block *to = &text[i].block;
-        relight__block__init(to);
-        to->object = b->object;
-        to->surface = (char *)s->name;
-        to->translucent = s->translucent;
-        to->vertex_begin = b->vertex_begin;
-        to->n_vertex = b->n_vertex;
-        to->triangle_begin = b->triangle_begin;
-        to->n_triangle = b->n_triangle;
-        fill_vec3(&text[i].color, s->base_color);
-        to->base_color = &text[i].color;
-        to->surface_index = b->surface;
-        (*out)[i] = to;
-    }
-    return text;
-}
-
-struct camera_text {
-    Relight__NamedCamera named;
-    Relight__Camera camera;
-    Relight__Vec3 eye, target, up;
-};
-
-// Messages of the cameras of the model's file; as fill_blocks.
-static struct camera_text *fill_cameras(const struct prt_mesh *mesh,
-                                        Relight__NamedCamera ***out)
-{
-    struct camera_text *text = calloc(mesh->n_camera + 1, sizeof *text);
-    *out = calloc(mesh->n_camera + 1, sizeof **out);
-    for (uint32_t i = 0; text && *out && i < mesh->n_camera; i++) {
-        const struct prt_mesh_camera *c = &mesh->camera[i];
-        struct camera_text *to = &text[i];
-        relight__named_camera__init(&to->named);
-        relight__camera__init(&to->camera);
-        fill_vec3(&to->eye, c->eye);
-        fill_vec3(&to->target, c->target);
-        fill_vec3(&to->up, c->up);
-        to->camera.eye = &to->eye;
-        to->camera.target = &to->target;
-        to->camera.up = &to->up;
-        to->camera.fovy_deg = c->fovy_deg;
-        to->named.name = (char *)c->name;
-        to->named.camera = &to->camera;
-        (*out)[i] = &to->named;
-    }
-    return text;
-}
-
 static void info_ready(struct request *request, struct model *m, struct cache_entry *file)
 {
     const struct prt_transport *t = prt_file_transport(file->value);
     struct info_text *text = calloc(1, sizeof *text);
     Relight__Block **blocks = NULL;
     Relight__NamedCamera **cameras = NULL;
-    struct block_text *block_text = fill_blocks(&t->mesh, &blocks);
+    struct block_text *block_text = fill_blocks(&t->mesh, &t->media, &blocks);
+    char **media = print_media(&t->media);
     struct camera_text *camera_text = fill_cameras(&t->mesh, &cameras);
-    if (!text || !block_text || !blocks || !camera_text || !cameras) {
+    if (!text || !block_text || !blocks || !camera_text || !cameras || !media) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
         fill_info(m, request->conn->principal->name, text);
-        prt_material_print(t->media.medium, text->material, sizeof text->material);
-        text->info.material = text->material;
+        text->info.material = media[0];
+        text->info.n_media = t->media.n;
+        text->info.media = media;
         bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
         text->info.settings = (char *)(baked && t->settings ? t->settings : "");
         text->info.errors = (char *)(baked && t->errors ? t->errors : "");
@@ -383,6 +340,7 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         free(text->warning_text);
     }
     free(text);
+    free(media);
     free(block_text);
     free(blocks);
     free(camera_text);
@@ -458,8 +416,12 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
     } else if (request) {
         Relight__GeometryAnswer out = RELIGHT__GEOMETRY_ANSWER__INIT;
         struct payload payload = {g->bytes, g->size, g->bytes, prt_free};
-        struct block_text *text = fill_blocks(mesh, &out.blocks);
+        const struct prt_media *own = ((struct shape *)g->shape->value)->media;
+        struct block_text *text = fill_blocks(mesh, own, &out.blocks);
+        char **media = print_media(own);
         out.n_blocks = text && out.blocks ? mesh->n_block : 0;
+        out.n_media = media ? own->n : 0;
+        out.media = media;
         out.n_vertex = mesh->n_vertex;
         out.n_triangle = g->triangles ? mesh->n_triangle : 0;
         out.normals_offset = g->normals ? g->normals_offset : 0;
@@ -471,6 +433,7 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
         request_answer(request, &out.base, &payload);
         free(text);
         free(out.blocks);
+        free(media);
         free(textures);
     }
     prt_free(g->bytes);

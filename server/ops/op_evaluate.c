@@ -15,8 +15,7 @@
 struct evaluation {
     struct request *request;
     struct render *render;
-    struct render_spec
-        spec; // for the answer's message; without the texels, which `render` owns
+    struct render_spec spec; // for the answer's message; without what `render` owns
 };
 
 static void abandon(struct request *request)
@@ -74,9 +73,7 @@ static void start(struct request *request, const char *name, const char *pose,
         return;
     }
     e->request = request;
-    e->spec = *spec;
-    e->spec.texels = NULL;
-    e->spec.pose = NULL;
+    e->spec = render_spec_plain(spec);
     request->state = e;
     request->abandon = abandon;
     struct render *render = render_start(model, spec, evaluated, e);

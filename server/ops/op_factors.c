@@ -162,8 +162,10 @@ static struct cache_entry *factors_get(struct model *m, struct cache_entry *file
 {
     char key[KEY];
     struct cache_job *job;
-    snprintf(key, sizeof key, "%s/%llu/factors/%u/%u", m->key,
-             (unsigned long long)m->baked_generation, in->first, in->most_rank);
+    // With the file's hash: a draft may have been replaced since it was opened.
+    snprintf(key, sizeof key, "%s/%llu/factors/%llx/%u/%u", m->key,
+             (unsigned long long)m->baked_generation,
+             (unsigned long long)prt_file_hash(file->value), in->first, in->most_rank);
     struct cache_entry *entry = cache_compute(m->server, key, &kind, &job);
     if (!job) return entry;
     struct factors_job *own = (struct factors_job *)job;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// GET_BLOB: a range of an upload goes back to the client that sent it.
+// GET_BLOB: sends a range of an upload to a client that may read it.
 #include "core/token_store.h"
 #include "net/dispatch.h"
 #include "net/request_wait.h"

@@ -18,6 +18,10 @@ void load_drop(struct load *load)
         free(load->file[i].name);
     }
     for (size_t i = 0; i < load->n_sibling; i++) free(load->sibling[i]);
+    for (unsigned i = 0; i < load->n_material; i++) {
+        free(load->material[i].arg);
+        free(load->material[i].text);
+    }
     free(load->sibling);
     cache_release(load->entry);
     model_release(load->model);
@@ -28,6 +32,11 @@ static void abandon(struct request *request)
 {
     struct load *load = request->state;
     load->request = NULL; // freed when its wait ends
+    if (load->entry && load->entry->state == CACHE_PENDING) {
+        cache_leave(load->entry, &load->waiter);
+        load_drop(load);
+        return;
+    }
     if (load->importing) imports_cancel(load->server->imports, &load->import);
     else if (load->checking[0])
         blobs_check_leave(load->server->blobs, load->checking, &load->blob_waiter);
@@ -57,6 +66,40 @@ static void answer(struct load *load, const struct model *m)
     free(copy);
 }
 
+// A bake is acknowledged once its job is on the disk.
+
+static int run_nothing(struct file_task *task)
+{
+    return PRT_OK;
+}
+
+static void written(struct file_task *task)
+{
+    struct load *load = (struct load *)task;
+    struct model *m = load->model;
+    if (!load->request) load_drop(load);
+    else if (m->gone) LOAD_FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
+    else if (m->record_err)
+        LOAD_FAIL(load, LIMIT, "the bake is queued, but --store takes no record of it: %s",
+                  strerror(-m->record_err));
+    else answer(load, m);
+}
+
+// Behind the records of the model, of which the load has a reference, and of its job.
+static void answer_when_written(struct load *load)
+{
+    load->task.run = run_nothing;
+    load->task.done = written;
+    file_queue_add(load->server->file_queue, &load->task);
+}
+
+// Other replicas are asked for it from now on.
+static void answer_opened(struct load *load)
+{
+    if (object_store_shared(load->server->objects)) answer_when_written(load);
+    else answer(load, load->model);
+}
+
 static void opened(struct cache_waiter *waiter)
 {
     struct load *load = (struct load *)((char *)waiter - offsetof(struct load, waiter));
@@ -75,7 +118,7 @@ static void opened(struct cache_waiter *waiter)
     } else if (m->gone) {
         LOAD_FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
     } else {
-        answer(load, m);
+        answer_opened(load);
     }
 }
 
@@ -92,7 +135,7 @@ static void answer_when(struct load *load, struct model *m, struct cache_entry *
         load->waiter.wake = opened;
         cache_wait(load->entry, &load->waiter);
     } else {
-        answer(load, m);
+        answer_opened(load);
     }
 }
 
@@ -116,31 +159,6 @@ static void mesh_and_answer(struct load *load, struct model *m)
 
 // ---- from a source's hash to an answer
 
-// A bake is acknowledged once its job is on the disk.
-
-static int run_nothing(struct file_task *task)
-{
-    return PRT_OK;
-}
-
-static void written(struct file_task *task)
-{
-    struct load *load = (struct load *)task;
-    struct model *m = load->model;
-    if (!load->request) load_drop(load);
-    else if (m->gone) LOAD_FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
-    else answer(load, m);
-}
-
-static void answer_when_written(struct load *load, struct model *m)
-{
-    load->model = m;
-    model_hold(m);
-    load->task.run = run_nothing; // behind the job's record
-    load->task.done = written;
-    file_queue_add(load->server->file_queue, &load->task);
-}
-
 // A model without files that no request waits for.
 static bool is_bare(const struct model *m)
 {
@@ -156,7 +174,8 @@ static void go_on(struct load *load, struct model *m)
     int code;
     if (load->bake_bytes) {
         model_set_state(m, RELIGHT__MODEL_STATE__MODEL_READY);
-        model_charge_bake(m, load->bake_bytes);
+        if (load->away) m->away_bytes = load->bake_bytes;
+        else model_charge_bake(m, load->bake_bytes);
         load->server->stats.bakes_cached++;
         model_remember(m);
         load_open_and_answer(load, m);
@@ -170,7 +189,8 @@ static void go_on(struct load *load, struct model *m)
         m->error[0] = 0;
         mesh_and_answer(load, m);
     } else if (!(code = load_order_bake(load, m, error))) {
-        answer_when_written(load, m);
+        model_hold(load->model = m);
+        answer_when_written(load);
     } else {
         file_remove(load->server->file_queue, load->bake_folder);
         model_set_state(m, before);
@@ -284,6 +304,7 @@ void load_source_known(struct load *load)
     if (!load_pin(load, m)) return;
     bool changed = other || m->pinned != pinned;
     changed |= keep_source(load, m, fresh);
+    if (!m->load && object_store_shared(load->server->objects)) m->load = load_packed(load);
     if (m->removed) model_revive(m);
     if (other) model_set_name(m, load->owner, load->name);
     m->used_ns = wall_ns();

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
-// PUT_POSE: vertices become a pose that requests name by its content.
+// PUT_POSE: vertices, or a moment of an animation, become a pose that requests name by its
+// content.
 #include "net/dispatch.h"
 #include "net/request_wait.h"
+#include "ops/pose_animation.h"
 #include "ops/vertices.h"
 #include "relight.pb-c.h"
 #include "render/shared/poses.h"
@@ -16,8 +18,9 @@ struct posing {
     struct cache_entry *file; // has the mesh
     struct pose *base, *pose; // base: NULL, the file's vertices
     struct vertex_change change;
-    struct held_bytes *bytes; // of the change
-    char refused[256];        // a fault of the vertices; "": none
+    struct held_bytes *bytes; // of the change; NULL where it is of an animation
+    struct decoded_pose *animated;
+    char refused[256]; // a fault of the vertices; "": none
 };
 
 static void end_posing(struct posing *p)
@@ -25,6 +28,7 @@ static void end_posing(struct posing *p)
     pose_release(p->base);
     pose_release(p->pose);
     held_bytes_release(p->bytes);
+    decoded_pose_destroy(p->animated);
     cache_release(p->file);
     model_release(p->model);
     free(p);
@@ -89,22 +93,58 @@ static void posed(struct request_wait *wait, struct request *request)
     end_posing(p);
 }
 
-static void mesh_ready(struct request *request, struct model *m, struct cache_entry *file)
+// A state for the request; NULL: it was answered.
+static struct posing *new_posing(struct request *request, struct model *m,
+                                 struct cache_entry *file)
 {
-    const Relight__PutPoseRequest *in = (const Relight__PutPoseRequest *)request->message;
     struct posing *p = calloc(1, sizeof *p);
-    char error[256] = "not enough memory";
-    int code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     if (!p || !(p->pose = calloc(1, sizeof *p->pose))) {
         free(p);
-        request_fail(request, code, "%s", error);
-        return;
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return NULL;
     }
     p->pose->refs = 1;
     p->model = m;
     model_hold(m);
     p->file = file;
     cache_hold(file);
+    return p;
+}
+
+// The file of an animation was read. request NULL: it has ended.
+static void animated(void *user, struct request *request, struct decoded_pose *decoded)
+{
+    struct posing *p = user;
+    p->animated = decoded;
+    if (!request || !decoded) { // the request is answered
+        end_posing(p);
+        return;
+    }
+    const uint32_t n = prt_file_transport(p->file->value)->mesh.n_vertex;
+    if (decoded->n != n) {
+        request_fail(
+            request, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
+            "the animation's file has %u vertices, %.100s has %u: is it another model?",
+            decoded->n, p->model->name, n);
+        end_posing(p);
+        return;
+    }
+    p->change = (struct vertex_change){
+        .n = n, .own_units = true, .has_normals = true, .values = decoded->values};
+    request_await_work(request, &p->wait, run_posing, posed);
+}
+
+static void mesh_ready(struct request *request, struct model *m, struct cache_entry *file)
+{
+    const Relight__PutPoseRequest *in = (const Relight__PutPoseRequest *)request->message;
+    char error[256] = "not enough memory";
+    int code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    struct posing *p = new_posing(request, m, file);
+    if (!p) return;
+    if (in->animation[0]) {
+        pose_animate(request, animated, p);
+        return;
+    }
     bool failed = in->base_pose[0] && !(p->base = poses_find(request->server->poses, m,
                                                              in->base_pose, &code, error));
     if (!failed && in->n) failed = !(p->bytes = request_take_payload(request));
@@ -124,6 +164,12 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
 void op_put_pose(struct request *request)
 {
     const Relight__PutPoseRequest *in = (const Relight__PutPoseRequest *)request->message;
-    if (vertices_sized(request, in->n, in->has_normals))
+    if (in->animation[0] && (in->n || in->base_pose[0] || request->payload_size))
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "an animation gives all vertices: leave n, base_pose and payload out");
+    else if (in->n_files && !in->animation[0])
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "animation is missing: files are those of an animation");
+    else if (vertices_sized(request, in->n, in->has_normals))
         with_mesh(request, in->model, mesh_ready);
 }

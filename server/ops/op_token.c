@@ -68,6 +68,33 @@ static int write_list(struct file_task *task)
     return fault;
 }
 
+static void stored(void *user, int fault);
+
+// Among replicas the list is shared first; the file is a copy of it then.
+static void submit(struct change *c)
+{
+    struct server *server = c->server;
+    if (server->write_tokens) server->write_tokens(server, c->text, stored, c);
+    else file_queue_add(server->file_queue, &c->task);
+}
+
+static void stored(void *user, int fault)
+{
+    struct change *c = user;
+    if (!fault) {
+        file_queue_add(c->server->file_queue, &c->task);
+        return;
+    }
+    c->task.status = fault;
+    c->task.done(&c->task);
+}
+
+static const char *fault_text(int fault)
+{
+    return fault == EAGAIN ? "another replica changed the tokens just now, try again"
+                           : strerror(fault);
+}
+
 static void free_change(struct change *c)
 {
     sodium_memzero(c->secret, sizeof c->secret);
@@ -154,14 +181,14 @@ static void created(struct change *c, struct request *request)
     if (t && (fault || !request)) { // without its request nobody has the secret
         token_remove(store, t);
         t = NULL;
-        struct change *back = begin_change(server, c->name, true);
-        if (back) file_queue_add(server->file_queue, &back->task);
+        struct change *back = fault == EAGAIN ? NULL : begin_change(server, c->name, true);
+        if (back) submit(back);
     }
     if (!request) return;
     if (!t) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_INTERNAL, "token %s: %s%s", c->name,
                      fault ? "its file could not be written: " : "it was revoked meanwhile",
-                     fault ? strerror(fault) : "");
+                     fault ? fault_text(fault) : "");
         return;
     }
     bool first = access_commit(server->access, t);
@@ -192,7 +219,7 @@ static void revoked(struct change *c, struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_INTERNAL,
                      "token %s is revoked until the daemon restarts: its file could not be "
                      "written: %s",
-                     c->name, strerror(c->task.status));
+                     c->name, fault_text(c->task.status));
     else request_answer(request, &out.base, NULL);
 }
 
@@ -286,7 +313,7 @@ void op_token_create(struct request *request)
     memcpy(c->hash, t.hash, sizeof t.hash);
     sodium_memzero(secret, sizeof secret);
     request_park(request, &c->wait);
-    file_queue_add(server->file_queue, &c->task);
+    submit(c);
 }
 
 void op_token_list(struct request *request)
@@ -335,5 +362,5 @@ void op_token_revoke(struct request *request)
     request_park(request, &c->wait);
     ledger_update_quotas(server->ledger);
     connections_recheck(server, false); // may end this request, too
-    file_queue_add(server->file_queue, &c->task);
+    submit(c);
 }

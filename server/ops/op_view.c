@@ -4,8 +4,9 @@
 // most `window` frames, and about `window_bytes` of them, are unacknowledged, so that a slow
 // reader delays only itself. While the state does not change, a picture by an image-space
 // engine is refined until it converges. While the hand moves and whole frames do not keep the
-// rate, pictures have half the width and height, and coefficients fewer rows; the state that
-// rests is drawn in full.
+// rate, pictures have half the width and height, and colours and coefficients are made of fewer
+// rows of the transport; the state that rests is drawn in full. Where a bake replaces the draft
+// that was drawn, some frames mix the two, so that the picture changes without a step.
 #include "net/dispatch.h"
 #include "render/evaluation.h"
 #include "core/log.h"
@@ -24,6 +25,9 @@ static const uint64_t rest_ns = 120000000;  // refinement begins when the state 
 static const uint64_t moving_ns = 250000000, steady_gap_ns = 66666667;
 
 // 16 rows of a cluster leave an error of 0.5 % on a bunny in marble, and a third of the cost.
+// Frames in which a bake replaces its draft, and the least time between them.
+enum { FADE_FRAMES = 12 };
+static const uint64_t fade_gap_ns = 40000000;
 enum { MAX_FIELD = 64, REDUCED = 2, REDUCED_LEAST = 64, REDUCED_RANK = 16 };
 
 struct view_options {
@@ -39,7 +43,7 @@ struct view {
     uint64_t sequence;        // of it
     bool dirty;               // the state was not drawn yet
     struct render *render;    // of the frame that is being drawn; NULL: none
-    struct render_spec drawn; // its spec, without texels
+    struct render_spec drawn; // its spec, without what specs share
     uint64_t drawn_sequence;
     uint64_t frame, shown, dropped;
     struct view_options options;
@@ -58,6 +62,8 @@ struct view {
     struct work_actor actor;       // who opened it, and its priority
     bool moving;                   // states follow each other quickly
     bool reduced;                  // the last drawn picture is of a lower resolution
+    struct model *draft;           // held: the draft that the last frames are of; NULL: none
+    unsigned faded;                // frames that mixed it with the bake
     uint64_t drawn_ns,
         full_ns; // when its drawing began; what whole frames take, a running mean
 };
@@ -72,6 +78,7 @@ static void free_view(struct view *v)
     if (v->render) render_cancel(v->render);
     refinement_release(v->refinement);
     render_spec_finish(&v->spec);
+    model_release(v->draft);
     free(v->name);
     v->model->server->stats.views_open--;
     model_release(v->model);
@@ -185,6 +192,38 @@ static bool send_after(const struct view *v, uint32_t n_frame)
     return n_frame >= 2 * v->told_frames || v->refinement->converged;
 }
 
+// The next of the frames that mix draft and bake follows, or the bake's own.
+static void count_faded(struct view *v)
+{
+    uint64_t gap = v->options.gap_ns > fade_gap_ns ? v->options.gap_ns : fade_gap_ns;
+    v->faded++;
+    v->dirty = true;
+    v->next_ns = loop_now_ns() + gap;
+}
+
+static void drop_draft(struct view *v)
+{
+    model_release(v->draft);
+    v->draft = NULL;
+    v->faded = 0;
+}
+
+// Keeps the draft that answers from now on, or has the spec fade from the one that did.
+static void use_draft(struct view *v, struct render_spec *spec)
+{
+    struct model *answering = model_answering(v->model);
+    if (answering != v->model) {
+        if (v->draft == answering) return;
+        drop_draft(v);
+        model_hold(v->draft = answering);
+    } else if (v->draft && v->faded + 1 < FADE_FRAMES) {
+        spec->fade_from = v->draft;
+        spec->fade = (float)(v->faded + 1) / FADE_FRAMES;
+    } else {
+        drop_draft(v);
+    }
+}
+
 // A frame of a quarter of the pixels tells whether whole ones would keep the rate again: it
 // stands for twice its time, because light and transport do not shrink.
 static void measure_frame(struct view *v)
@@ -199,6 +238,8 @@ static void drawn(void *user, struct render_result *result)
     struct connection *conn = v->request->conn;
     bool finer = v->refining;
     if (!finer && !result->code) measure_frame(v);
+    if (!finer && !result->draft) drop_draft(v);
+    else if (!finer && v->drawn.fade_from) count_faded(v);
     loop_timer_stop(v->model->server->loop, &v->late);
     v->render = NULL;
     v->refining = false;
@@ -258,15 +299,24 @@ static bool should_refine(struct view *v, uint64_t now)
     return false;
 }
 
+// Whether the model's colours are computed faster from fewer rows.
+static bool has_rows(const struct view *v)
+{
+    const struct model_facts *f = &model_answering(v->model)->facts;
+    return f->baked && f->storage == PRT_STORAGE_FACTORED &&
+           f->engine != PRT_TRANSPORT_POLYNOMIAL &&
+           v->spec.term != RELIGHT__TERM__TERM_IRRADIANCE;
+}
+
 // Whether the picture of a state that moves is to have half the width and height, or its
-// coefficients fewer rows.
+// colours or coefficients fewer rows.
 static bool should_reduce(const struct view *v)
 {
     uint64_t gap = v->options.gap_ns > steady_gap_ns ? v->options.gap_ns : steady_gap_ns;
-    bool picture =
-        v->spec.picture && v->spec.width >= REDUCED_LEAST && v->spec.height >= REDUCED_LEAST;
-    bool rows =
-        is_coefficients(&v->spec) && (!v->spec.most_rank || v->spec.most_rank > REDUCED_RANK);
+    const struct render_spec *s = &v->spec;
+    bool picture = s->picture && s->width >= REDUCED_LEAST && s->height >= REDUCED_LEAST;
+    bool rows = is_coefficients(s) ? !s->most_rank || s->most_rank > REDUCED_RANK
+                                   : !s->picture && has_rows(v);
     return (picture || rows) && v->moving && v->full_ns > gap;
 }
 
@@ -274,7 +324,7 @@ static void reduce(struct render_spec *spec)
 {
     spec->width = (spec->width + REDUCED - 1) / REDUCED;
     spec->height = (spec->height + REDUCED - 1) / REDUCED;
-    spec->most_rank = REDUCED_RANK;
+    spec->most_rank = spec->color_rank = REDUCED_RANK;
 }
 
 // The state that rests is drawn once more, as it was asked for.
@@ -307,6 +357,7 @@ static void follow_replacement(struct view *v)
     model_unwatch(v->model, &v->watcher);
     model_release(v->model);
     v->model = next;
+    drop_draft(v);
     model_watch(next, &v->watcher);
     invalidate(v);
 }
@@ -336,10 +387,9 @@ static void draw(struct view *v)
     if (v->reduced) reduce(&spec);
     spec.hash = true;
     spec.refinement = v->refinement;
+    if (!finer) use_draft(v, &spec);
     spec.quiet = finer && !send_after(v, v->refinement->n_frame + 1);
-    v->drawn = spec;
-    v->drawn.texels = NULL;
-    v->drawn.pose = NULL;
+    v->drawn = render_spec_plain(&spec);
     v->drawn_sequence = v->sequence;
     v->refining = finer;
     struct request *request = v->request;
@@ -355,7 +405,7 @@ static void draw(struct view *v)
         loop_timer_set(request->server->loop, &v->late, now + v->options.deadline_ns);
 }
 
-// Reads how frames are sent; the format of colours goes to the spec.
+// Reads how frames are sent; the spec takes the format of colours.
 static int read_options(const Relight__ViewOptions *in, struct view_options *out,
                         struct render_spec *spec, char error[300])
 {
@@ -421,47 +471,62 @@ static int apply_lights(struct render_spec *next, const Relight__ViewState *stat
                             render_fields_name(n_field, fields, "lights.gain"), error);
 }
 
-// Applies a state; a refused one changes nothing.
-static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
-                 struct request *from, char error[300])
+// Shade, picture and options of a state, into *next and *options.
+static int apply_parts(struct render_spec *next, struct view_options *options,
+                       struct server *server, const Relight__ViewState *state,
+                       struct request *from, char error[300])
 {
     static const Relight__Shade no_shade = RELIGHT__SHADE__INIT;
     static const Relight__Picture no_picture = RELIGHT__PICTURE__INIT;
     static const Relight__ViewOptions no_options = RELIGHT__VIEW_OPTIONS__INIT;
-    static const Relight__ViewState no_state = RELIGHT__VIEW_STATE__INIT;
-    if (!state) state = &no_state;
-    size_t n = state->n_fields;
-    struct render_spec next = v->spec, values = v->spec; // texels stay unless others come
-    struct view_options options = v->options, given = {0};
+    const size_t n = state->n_fields;
+    struct view_options given = {0};
+    struct render_spec values;
     int code = 0;
-    if (n > MAX_FIELD) return range_refuse(error, 300, (double)n, 0, MAX_FIELD, "", "fields");
+    render_spec_copy(next, &values);
     if (changes(state, state->shade, "shade"))
         code = render_spec_shade(&values, from, state->shade ? state->shade : &no_shade, error);
-    if (!code && v->spec.picture && changes(state, state->picture, "picture"))
+    if (!code && next->picture && changes(state, state->picture, "picture"))
         code = render_spec_picture(&values, server,
                                    state->picture ? state->picture : &no_picture, error);
     bool optional = !code && changes(state, state->options, "options");
     if (optional)
         code =
             read_options(state->options ? state->options : &no_options, &given, &values, error);
-    if (!code && n) code = render_spec_copy_fields(&next, &values, n, state->fields, error);
-    if (code) return code;
-    if (n && optional) merge_options(&options, &next, &given, &values, n, state->fields);
-    if (!n) next = values;
-    if (!n && optional) options = given;
-    struct render_spec posed = {.pose = NULL};
-    bool moved = changes(state, state->pose[0], "pose");
-    if (moved && (code = render_spec_pose(&posed, v->model, state->pose, error))) return code;
-    if (changes(state, state->n_lights || from->payload_size, "lights"))
+    if (!code && n) code = render_spec_copy_fields(next, &values, n, state->fields, error);
+    if (!code && n && optional) merge_options(options, next, &given, &values, n, state->fields);
+    if (!code && !n) {
+        struct render_spec before = *next;
+        *next = values;
+        values = before;
+        if (optional) *options = given;
+    }
+    render_spec_finish(&values);
+    return code;
+}
+
+// Applies a state; a refused one changes nothing.
+static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
+                 struct request *from, char error[300])
+{
+    static const Relight__ViewState no_state = RELIGHT__VIEW_STATE__INIT;
+    if (!state) state = &no_state;
+    const size_t n = state->n_fields;
+    struct render_spec
+        next; // shares texels, pose and media with the view's, unless others come
+    struct view_options options = v->options;
+    if (n > MAX_FIELD) return range_refuse(error, 300, (double)n, 0, MAX_FIELD, "", "fields");
+    render_spec_copy(&v->spec, &next);
+    int code = apply_parts(&next, &options, server, state, from, error);
+    if (!code && changes(state, state->pose[0], "pose"))
+        code = render_spec_pose(&next, v->model, state->pose, error);
+    if (!code && changes(state, state->n_lights || from->payload_size, "lights"))
         code = apply_lights(&next, state, from, error);
     if (code) {
-        pose_release(posed.pose);
+        render_spec_finish(&next);
         return code;
     }
-    if (moved) {
-        pose_release(next.pose);
-        next.pose = posed.pose;
-    }
+    render_spec_finish(&v->spec);
     v->spec = next;
     v->options = options;
     return 0;

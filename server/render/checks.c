@@ -12,12 +12,13 @@ static bool has_maps(const struct render_spec *s)
 
 bool render_uses_screen(const struct render *r)
 {
-    const struct model *m = r->model;
+    struct model *m = r->model;
+    const bool ready = model_answering(m)->state == RELIGHT__MODEL_STATE__MODEL_READY;
     if (!r->spec.picture) return false;
     if (!r->spec.engine && has_maps(&r->spec)) return true; // baked transport has no maps
     if (r->spec.engine) return r->spec.engine >= RELIGHT__ENGINE__ENGINE_SPLAT;
     return render_pose(r) ||
-           (m->state != RELIGHT__MODEL_STATE__MODEL_READY && m->mesh != MESH_NONE &&
+           (!ready && m->mesh != MESH_NONE &&
             !(m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->mesh == MESH_FAILED));
 }
 
@@ -108,6 +109,11 @@ static int check_baked(const struct render *r, char error[300])
         snprintf(error, 300, "maps are for pictures by image-space engines");
         return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
     }
+    if (r->bakes && s->term == RELIGHT__TERM__TERM_SINGLE) {
+        snprintf(error, 300, "%.100s still bakes, and its draft has no single scattering",
+                 r->model->name);
+        return RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+    }
     int code = check_engine(r, traced, error);
     if (!code && is_coefficients(s)) code = check_coefficients(r, error);
     if (code) return code;
@@ -119,15 +125,16 @@ static int check_baked(const struct render *r, char error[300])
         snprintf(error, 300, "lights is 0, allowed range 1 to %d", RENDER_MAX_LIGHTS);
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
-    if (!traced && s->has_material && t->engine == PRT_TRANSPORT_WAVELET) {
+    if (!traced && (s->has_material || s->objects) && t->engine == PRT_TRANSPORT_WAVELET) {
         snprintf(error, 300,
                  "%.100s was baked with its material (wavelet transport), which cannot change",
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
     if (s->max_error > 0 && bake_error(r) > s->max_error) {
-        snprintf(error, 300, "the bake's measured error %.3g is above max_error %.3g",
-                 (double)bake_error(r), (double)s->max_error);
+        snprintf(error, 300, "the %s's measured error %.3g is above max_error %.3g%s",
+                 r->bakes ? "draft" : "bake", (double)bake_error(r), (double)s->max_error,
+                 r->bakes ? ": wait for the bake" : "");
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
     return 0;
@@ -135,13 +142,29 @@ static int check_baked(const struct render *r, char error[300])
 
 int check_request(const struct render *r, char error[300])
 {
+    if (r->spec.picture && r->spec.floor && !r->spec.n_light) {
+        snprintf(error, 300,
+                 "picture.floor: the shadow is of lights, and the request has none");
+        return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
+    }
     return r->screen ? check_screen(r, error) : check_baked(r, error);
+}
+
+int check_media(const struct render *r, char error[300])
+{
+    const uint32_t n = render_media(r)->n;
+    if (!r->spec.map[0][0] || n == 1) return 0;
+    snprintf(error, 300,
+             "shade.albedo_map changes one medium, and the model has %u: give all objects one "
+             "material",
+             n);
+    return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
 }
 
 int check_error_bound(const struct render *r, char error[300])
 {
     double bound = (double)r->result.error_bound, most = (double)r->spec.max_error;
-    if (!(most > 0) || bound <= most || !(r->screen || r->spec.has_material)) return 0;
+    if (!(most > 0) || bound <= most || !(r->screen || r->media.entry)) return 0;
     snprintf(error, 300,
              r->screen ? "the preview's expected error %.3g is above max_error %.3g"
                        : "the error bound %.3g of this material is above max_error %.3g",

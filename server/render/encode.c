@@ -22,10 +22,26 @@ size_t color_bytes(int format)
                                                                : 4;
 }
 
+unsigned most_parts(const struct render_spec *spec)
+{
+    if (spec->picture || !spec->phases || spec->has_eye ||
+        spec->term == RELIGHT__TERM__TERM_IRRADIANCE)
+        return 0;
+    switch (spec->format) {
+    case RELIGHT__COLOR_FORMAT__COLOR_F32:
+    case RELIGHT__COLOR_FORMAT__COLOR_F16:
+        return 17;
+    case RELIGHT__COLOR_FORMAT__COLOR_RGB9E5:
+        return 2; // the parts behind the second have negative numbers
+    default:
+        return 0;
+    }
+}
+
 size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *values)
 {
     if (is_coefficients(spec)) return values->coefficients.n_half * sizeof(uint16_t);
-    return values->n_vertex * color_bytes(spec->format);
+    return (size_t)values->n_plane * values->n_vertex * color_bytes(spec->format);
 }
 
 struct encoding {
@@ -48,7 +64,7 @@ static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
                    const struct vertex_values *values, uint8_t *to)
 {
-    size_t n = (size_t)values->n_vertex * 3;
+    const size_t n_color = (size_t)values->n_plane * values->n_vertex, n = 3 * n_color;
     if (is_coefficients(spec)) {
         memcpy(to, values->values, plane_bytes(spec, values));
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
@@ -56,10 +72,10 @@ void encode_colors(const struct prt_context *ctx, const struct render_spec *spec
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
         prt_f32_to_f16_array(values->values, n, (uint16_t *)to);
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_RGB9E5) {
-        prt_encode_rgb9e5(ctx, values->values, values->n_vertex, (uint32_t *)to);
+        prt_encode_rgb9e5(ctx, values->values, n_color, (uint32_t *)to);
     } else {
         struct encoding e = {values->values, to, exp2f(spec->exposure_ev)};
-        prt_parallel_for(ctx, NULL, values->n_vertex, 4096, encode_range, &e);
+        prt_parallel_for(ctx, NULL, n_color, 4096, encode_range, &e);
     }
 }
 

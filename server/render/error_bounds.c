@@ -33,16 +33,31 @@ static float single_error(const struct render *r)
     return view ? fmaxf(f->error_single, f->error_view) : f->error_single;
 }
 
+// Error of a draft's total, which leaves single scattering S out: as measured of the bake's own
+// medium. For another one at least that of multiple scattering M, and the share of S in M + S,
+// for half-spaces.
+static float draft_error(const struct render *r, const struct prt_media *media)
+{
+    const struct model_facts *f = &r->model->facts;
+    double error = (double)f->error_multiple, worst = fmax(error, (double)f->error_total);
+    for (uint32_t i = 0; r->spec.has_material && i < media->n; i++) {
+        double multiple, single;
+        half_space_radiance(&media->medium[i], &multiple, &single);
+        worst = fmax(worst, (error * multiple + single) / fmax(multiple + single, 1e-30));
+    }
+    return (float)worst;
+}
+
 // The error of the sum M + S of multiple and single scattering: |e_m + e_s| <= |e_m| + |e_s|,
 // and as no radiance is negative |M + S|^2 >= |M|^2 + |S|^2. Never more than the larger of the
 // two relative errors, which is the bound where M and S are proportional.
 static float total_error(const struct render *r)
 {
     const struct model_facts *f = &r->model->facts;
-    const struct prt_media given = prt_media_one(&r->spec.material);
-    const struct prt_media *media = r->spec.has_material ? &given : &render_transport(r)->media;
+    const struct prt_media *media = render_media(r);
     double larger = fmax((double)f->error_multiple, (double)single_error(r)), worst = 0;
-    if (f->error_total > 0) return f->error_total;
+    if (r->model->single_follows) return draft_error(r, media);
+    if (f->error_total > 0 && !r->model->file) return f->error_total;
     if (!(f->error_single > 0)) return f->error_multiple; // no single scattering was baked
     for (uint32_t i = 0; i < media->n; i++) {
         double multiple, single;

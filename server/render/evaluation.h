@@ -32,6 +32,29 @@ struct cache_entry *visibility_get(struct model *model, uint64_t generation,
                                    struct cache_entry *owner, const struct prt_mesh *mesh,
                                    const struct render_spec *s, const struct prt_camera *c);
 
+/* ---- media.c: struct prt_media ---- */
+
+/* A map of n entries for the caller to fill; NULL without memory. */
+struct media_map *media_map_create(unsigned n);
+void media_map_set_key(struct media_map *map); /* of its n entries */
+void media_map_release(struct media_map *map); /* NULL is fine */
+/* Names the media that the spec gives; "": the model's own. */
+enum { MEDIA_KEY = 2 * MATERIAL_KEY + 2 };
+void media_key(const struct render_spec *spec, char key[MEDIA_KEY]);
+/* The media by object of a mesh with these of its own; NULL where the spec names none. `owner`
+ * is held while mesh and media, which belong to the file of this hash, are read. */
+struct cache_entry *media_get(const struct model *model, const struct render_spec *spec,
+                              struct cache_entry *owner, const struct prt_mesh *mesh,
+                              const struct prt_media *media, uint64_t file_hash);
+
+/* ---- floor.c: float[height][width][3], prt_floor_shadow() ---- */
+
+/* For the camera of `visibility` (ready) and `light` (ready); owner is held while `mesh` is
+ * read. NULL without memory. */
+struct cache_entry *floor_get(struct server *server, struct cache_entry *owner,
+                              const struct prt_mesh *mesh, struct cache_entry *visibility,
+                              struct cache_entry *light, size_t pixels);
+
 /* ---- light_contraction.c: struct light_contraction ---- */
 
 struct light_contraction {
@@ -53,19 +76,18 @@ struct material_contraction {
     struct prt_contracted_transport *contracted;
     struct cache_entry *file; /* whose transport it refers to; held */
 };
-/* The joint transport contracted with a material (NULL: the bake's), ready. NULL until it was
- * used with enough lights and then computed in the background. */
+/* The joint transport contracted with media (an entry of media.c; NULL: the bake's), ready.
+ * NULL until it was used with enough lights and then computed in the background. */
 struct cache_entry *material_contraction_get(struct model *model, uint64_t generation,
                                              struct cache_entry *file,
                                              const struct cache_entry *light,
-                                             const struct prt_material *material,
-                                             const char *material_key);
+                                             struct cache_entry *media, const char *media_key);
 
 /* ---- relight_pass.c: struct vertex_values ---- */
 
 /* Values at the vertices for one light and query. */
 struct vertex_values {
-    unsigned n_plane;
+    unsigned n_plane;          /* with vertex_query.phases: M and S_k of PROTOCOL.md */
     uint32_t n_vertex, shared; /* shared: evaluations in its pass */
     float
         material_error; /* relative RMS error of projecting the material on the bake's bases */
@@ -73,17 +95,18 @@ struct vertex_values {
     float values[]; /* [n_plane][n_vertex][3], or the coefficients' halves */
 };
 struct vertex_query {
-    int term;           /* enum prt_answer_term */
-    bool planes;        /* per-phase planes for pictures, else final colours */
-    bool coefficients;  /* in place of both */
-    uint32_t most_rank; /* of them */
+    int term;            /* enum prt_answer_term */
+    bool planes;         /* per-phase planes for pictures, else final colours */
+    unsigned most_apart; /* planes of prt_query.most_apart; 0: together */
+    bool coefficients;   /* in place of both */
+    uint32_t most_rank;  /* rows of a cluster; 0: all */
     bool phases;
-    bool has_material, has_eye;
-    struct prt_material material;
+    struct cache_entry *media; /* of media.c; NULL: the bake's */
+    bool has_eye;
     float eye[3]; /* mm */
 };
 /* The entry of `key`; where there is none yet, it joins the model's next pass. The pass holds
- * the other entries; all but file may be NULL. */
+ * the other entries and the query's media; all but file may be NULL. */
 struct cache_entry *relight_pass_get(struct model *model, const char *key,
                                      const struct vertex_query *query, struct cache_entry *file,
                                      struct cache_entry *light,
@@ -124,8 +147,8 @@ struct screen_query {
     uint32_t n_sample; /* 0: from the budget, else the engine's own */
     float budget_ms;   /* 0: none */
     uint32_t frame;    /* of a running mean */
-    bool background, has_material;
-    struct prt_material material;
+    bool background;
+    struct cache_entry *media; /* of media.c; NULL: the shape's */
 };
 /* map: by enum prt_screen_map_kind, NULL: none. A caller that stops waiting calls
  * screen_radiance_unwant(). */
@@ -155,6 +178,8 @@ int refinement_add(struct refinement *refinement, const struct screen_radiance *
 
 /* ---- encode.c ---- */
 
+/* Colours whose parts are sent apart: at most so many; 0: one colour a vertex. */
+unsigned most_parts(const struct render_spec *spec);
 static inline bool is_coefficients(const struct render_spec *spec)
 {
     return !spec->picture && spec->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;

@@ -28,11 +28,13 @@ void render_end(struct render *r)
     refinement_release(r->spec.refinement);
     render_spec_finish(&r->spec);
     model_release(r->model);
+    model_release(r->bakes);
     free(r);
     if (done) done(user, &result);
     else {
         if (result.payload.release) result.payload.release(result.payload.owner);
         free(result.outgoing);
+        cache_release(result.values);
     }
 }
 
@@ -50,6 +52,25 @@ static void own_payload(struct render *r, void *bytes, size_t size, void (*relea
     r->result.payload = (struct payload){bytes, size, bytes, release};
 }
 
+// The values that are shown: those of the entry, or mixed with the draft's, to free() then.
+// Without memory NULL. Planes that the draft has not are zero in it: it has no single
+// scattering.
+static struct vertex_values *mixed_values(const struct render *r)
+{
+    const struct vertex_values *bake = r->vertex_values[0].entry->value;
+    const struct vertex_values *draft = r->faded->value;
+    const size_t n = (size_t)bake->n_plane * bake->n_vertex * 3;
+    const size_t m =
+        draft->n_vertex == bake->n_vertex ? (size_t)draft->n_plane * draft->n_vertex * 3 : 0;
+    const float w = m ? r->spec.fade : 1;
+    struct vertex_values *v = malloc(sizeof *v + n * sizeof *v->values);
+    if (!v) return NULL;
+    *v = *bake;
+    for (size_t i = 0; i < n; i++)
+        v->values[i] = w * bake->values[i] + (i < m ? (1 - w) * draft->values[i] : 0);
+    return v;
+}
+
 static int run_colors(struct render *r, const struct prt_context *ctx)
 {
     unsigned n = render_n_values(&r->spec);
@@ -57,12 +78,14 @@ static int run_colors(struct render *r, const struct prt_context *ctx)
     uint8_t *bytes = prt_alloc(n, plane ? plane : 1);
     if (!bytes) return PRT_NOMEM;
     double start = prt_time_s();
+    struct vertex_values *mixed = r->faded ? mixed_values(r) : NULL;
     for (unsigned i = 0; i < n; i++) {
-        const struct vertex_values *v = r->vertex_values[i].entry->value;
+        const struct vertex_values *v = mixed ? mixed : r->vertex_values[i].entry->value;
         encode_colors(ctx, &r->spec, v, bytes + i * plane);
         size_t used = plane_bytes(&r->spec, v);
         memset(bytes + i * plane + used, 0, plane - used);
     }
+    free(mixed);
     r->result.encode_ms = (float)((prt_time_s() - start) * 1e3);
     own_payload(r, bytes, n * plane, prt_free);
     return PRT_OK;
@@ -81,16 +104,14 @@ static int point_radiance(const struct render *r, const float (**rgb)[3])
 static int shade(const struct render *r, const struct prt_context *ctx,
                  const struct prt_specular *specular, struct prt_image *image)
 {
-    const struct prt_media media = r->spec.has_material ? prt_media_one(&r->spec.material)
-                                   : r->screen          ? *render_shape(r)->media
-                                                        : render_transport(r)->media;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
     struct prt_shade shade = {.transparent = r->spec.transparent,
-                              .media = media,
+                              .media = *render_media(r),
                               .fresnel = total,
                               .specular = specular,
                               .background =
                                   r->background.entry ? r->background.entry->value : NULL};
+    if (r->floor.entry) shade.shadow = r->floor.entry->value;
     if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
     if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) shade.leave_out = PRT_LOOK_ALL;
     if (*r->spec.map[0]) shade.leave_out |= PRT_LOOK_BASE; // uploaded maps replace the file's
@@ -102,10 +123,14 @@ static int shade(const struct render *r, const struct prt_context *ctx,
         if (status || r->spec.quiet) return status;
         return prt_shade_points(ctx, r->visibility.entry->value, rgb, &shade, image);
     }
-    const struct vertex_values *v = r->vertex_values[0].entry->value;
+    struct vertex_values *mixed = r->faded ? mixed_values(r) : NULL;
+    const struct vertex_values *v = mixed ? mixed : r->vertex_values[0].entry->value;
     shade.n_plane = v->n_plane;
     shade.planes = v->values;
-    return prt_shade_image(ctx, r->visibility.entry->value, render_mesh(r), &shade, image);
+    int status =
+        prt_shade_image(ctx, r->visibility.entry->value, render_mesh(r), &shade, image);
+    free(mixed);
+    return status;
 }
 
 static int run_picture(struct render *r, const struct prt_context *ctx)
@@ -200,6 +225,32 @@ static void set_screen_result(struct render *r)
     preview_note(r, out->note);
 }
 
+static void set_draft_result(struct render *r)
+{
+    struct render_result *out = &r->result;
+    const struct model *m = r->bakes;
+    out->draft = true;
+    out->converged = false; // the bake's answer follows
+    out->bake_fraction = m->state == RELIGHT__MODEL_STATE__MODEL_READY ? 1
+                         : m->job ? (float)job_fraction(m->job)
+                                  : 0;
+    snprintf(out->note, sizeof out->note, "draft: the bake is at %.0f %%",
+             100 * (double)out->bake_fraction);
+}
+
+// |(1 - w) d + w b - x| <= (1 - w) |d - x| + w |b - x|.
+static void set_faded_result(struct render *r)
+{
+    struct render_result *out = &r->result;
+    const float w = r->spec.fade;
+    out->draft = true;
+    out->converged = false;
+    out->bake_fraction = 1;
+    out->error_bound = (1 - w) * r->faded_error + w * out->error_bound;
+    snprintf(out->note, sizeof out->note, "the bake replaces the draft: %.0f %%",
+             100 * (double)w);
+}
+
 static void set_baked_result(struct render *r)
 {
     struct render_result *out = &r->result;
@@ -211,28 +262,31 @@ static void set_baked_result(struct render *r)
         out->engine = RELIGHT__ENGINE__ENGINE_REFERENCE;
         snprintf(out->note, sizeof out->note, "irradiance is traced, not baked");
     }
-    if (render_pose(r))
+    if (r->bakes) set_draft_result(r);
+    if (r->faded) set_faded_result(r);
+    if (r->bakes ? r->bakes->pose != NULL : render_pose(r) != NULL)
         snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
 }
 
-// The layers of all planes are the same; each plane has scales of its own.
-// What turns coefficients into radiance: one for all blocks of a model of one medium, else one
-// of each block.
-static void set_outgoing(struct render *r, enum prt_answer_term term)
+// What turns coefficients, or the parts of colours, into radiance: one for all blocks of a
+// model of one medium, else one of each block.
+static void set_outgoing(struct render *r)
 {
+    static const enum prt_answer_term terms[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL,
+                                                 PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
+    const enum prt_answer_term term = terms[r->spec.term];
     const struct prt_transport *t = render_transport(r);
-    const struct prt_media media =
-        r->spec.has_material ? prt_media_one(&r->spec.material) : t->media;
-    const uint32_t n = media.n > 1 ? t->mesh.n_block : 1;
+    const struct prt_media *media = render_media(r);
+    const uint32_t n = media->n > 1 ? t->mesh.n_block : 1;
     Relight__Outgoing **list = malloc(n * (sizeof *list + sizeof **list));
     Relight__Outgoing *message = (Relight__Outgoing *)(list + n);
     struct prt_outgoing of_medium[PRT_MEDIA_MAX];
     if (!list) return; // the client finds none and refuses the answer
-    for (uint32_t i = 0; i < media.n; i++)
-        prt_outgoing_of(&media.medium[i], term, PRT_EXIT_NORMALISED, &of_medium[i]);
+    for (uint32_t i = 0; i < media->n; i++)
+        prt_outgoing_of(&media->medium[i], term, PRT_EXIT_NORMALISED, &of_medium[i]);
     for (uint32_t i = 0; i < n; i++) {
         const struct prt_outgoing *o =
-            &of_medium[n > 1 ? prt_media_index(&media, t->mesh.block[i].object) : 0];
+            &of_medium[n > 1 ? prt_media_index(media, t->mesh.block[i].object) : 0];
         relight__outgoing__init(list[i] = &message[i]);
         message[i].eta = o->eta;
         message[i].roughness = o->roughness;
@@ -244,6 +298,7 @@ static void set_outgoing(struct render *r, enum prt_answer_term term)
     r->result.n_outgoing = n;
 }
 
+// The layers of all planes are the same; each plane has scales of its own.
 static void set_coefficients(struct render *r)
 {
     struct render_result *out = &r->result;
@@ -254,10 +309,7 @@ static void set_coefficients(struct render *r)
         memcpy(out->layer, c->layer, sizeof out->layer);
         for (uint32_t k = 0; k < c->n_layer; k++) out->scale[k][i] = c->layer[k].scale;
     }
-    static const enum prt_answer_term term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL,
-                                                PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
     out->factors = prt_file_hash(r->file.entry->value);
-    set_outgoing(r, term[r->spec.term]);
 }
 
 static void set_planes(struct render *r)
@@ -266,6 +318,9 @@ static void set_planes(struct render *r)
     size_t plane = plane_bytes(&r->spec, r->vertex_values[0].entry->value);
     out->plane_bytes = out->n_plane > 1 ? (plane + 63) / 64 * 64 : plane;
     if (is_coefficients(&r->spec)) set_coefficients(r);
+    if (most_parts(&r->spec))
+        out->n_part = ((struct vertex_values *)r->vertex_values[0].entry->value)->n_plane;
+    if (is_coefficients(&r->spec) || out->n_part) set_outgoing(r);
 }
 
 static void set_result(struct render *r)
@@ -291,7 +346,7 @@ static void set_cost(struct render *r)
         out->light_ms += dependency_ms(&r->env[i]) + dependency_ms(&r->light[i]) +
                          dependency_ms(&r->contracted_light[i]);
     if (r->specular.entry != r->light[0].entry) out->light_ms += dependency_ms(&r->specular);
-    out->light_ms += dependency_ms(&r->background);
+    out->light_ms += dependency_ms(&r->background) + dependency_ms(&r->floor);
     for (unsigned i = 0; i < render_n_values(s); i++)
         out->relight_ms = fmaxf(out->relight_ms, dependency_ms(&r->vertex_values[i]));
     if (r->screen) out->relight_ms = dependency_ms(&r->screen_radiance);
@@ -319,13 +374,18 @@ void render_finish(struct render *r)
     const struct render_spec *s = &r->spec;
     char error[300];
     set_result(r);
+    if (s->values) {
+        cache_hold(r->result.values = r->vertex_values[0].entry);
+        render_end(r);
+        return;
+    }
     int code = check_error_bound(r, error);
     if (code) {
         render_end_with_error(r, code, error);
         return;
     }
     set_cost(r);
-    if (!s->picture && r->result.n_plane == 1) {
+    if (!s->picture && r->result.n_plane == 1 && !r->faded) {
         take_entry(r);
         bool small = r->result.payload.size <= MOST_ON_LOOP;
         if (small && s->hash) hash_payload(r);

@@ -27,8 +27,20 @@ struct render_light {
     char still_key[200]; /* the same without the rotation */
 };
 
-/* Everything an evaluation depends on, checked. Plain data, except the texels, which all copies
- * of a spec share. */
+/* Media by object as a request names them, each object once. It does not change; the copies of
+ * a spec share it. */
+struct media_map {
+    unsigned refs; /* loop thread */
+    unsigned n;
+    char key[MATERIAL_KEY]; /* hash of names and media */
+    struct {
+        char object[128]; /* a longer name is cut, and no object has it */
+        struct prt_material material;
+    } entry[];
+};
+
+/* Everything an evaluation depends on, checked. Plain data, except the texels, the pose and the
+ * map of media, which all copies of a spec share. */
 struct render_spec {
     unsigned n_light;
     struct render_light light[RENDER_MAX_LIGHTS];
@@ -37,9 +49,10 @@ struct render_spec {
     bool sum;
     int engine, term; /* Relight__Engine, Relight__Term */
     bool has_material, has_eye;
-    struct prt_material material;
+    struct prt_material material; /* of the objects that `objects` does not name */
     char material_key[MATERIAL_KEY];
-    float eye[3]; /* model's own units */
+    struct media_map *objects; /* NULL: no object is named */
+    float eye[3];              /* model's own units */
     float max_error;
     uint32_t budget_ms;
     char map[3][65]; /* uploads by enum prt_screen_map_kind; "": none */
@@ -48,8 +61,9 @@ struct render_spec {
     /* colours */
     int format; /* Relight__ColorFormat */
     float exposure_ev;
-    uint32_t most_rank; /* of coefficients; 0: all rows */
-    bool phases;        /* coefficients of the planes that depend on the view, too */
+    uint32_t most_rank;  /* of coefficients; 0: all rows */
+    uint32_t color_rank; /* of a view's colours that cannot keep their rate; 0: all rows */
+    bool phases;         /* the planes that depend on the view are sent, too */
     /* picture */
     uint32_t width, height, samples;
     bool has_camera; /* eye and target, unless one of the next two is set */
@@ -60,20 +74,26 @@ struct render_spec {
     int image_format, tone; /* Relight__ImageFormat, Relight__Tone */
     unsigned quality;
     float picture_ev;
-    bool plain_background, no_specular, transparent;
+    bool plain_background, no_specular, transparent, floor;
     float background[3];
     struct refinement *refinement; /* the view's running mean to add to; NULL: none. Held by the
                                       creator of the spec */
     bool quiet;                    /* adds to the mean and makes no picture */
     bool hash;                     /* render_result.hash is wanted */
+    struct model *fade_from; /* the draft whose values are mixed with the bake's; held by the
+                                creator. NULL: none */
+    float fade;              /* (0, 1): weight of the bake */
+    bool values;             /* nothing but the values at the vertices: render_result.values */
 };
 
 /* Fill parts of a spec from messages and check them; without a message the defaults stay.
  * Return 0, or an error code with a text that names parameter, range and unit. */
 void render_spec_init(struct render_spec *spec);
 void render_spec_finish(struct render_spec *spec);
-/* Shares texels and pose; both specs need render_spec_finish(). */
+/* Shares texels, pose and media; both specs need render_spec_finish(). */
 void render_spec_copy(const struct render_spec *from, struct render_spec *to);
+/* The same data for an answer's message, without what is shared. */
+struct render_spec render_spec_plain(const struct render_spec *spec);
 /* Takes over the request's payload (the lights' texels) where it returns 0. */
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                        struct request *request, char error[300]);
@@ -114,20 +134,24 @@ struct render_result {
     struct payload payload;
     uint32_t n_vertex, n_plane, width, height;
     uint64_t plane_bytes, generation;
+    uint32_t n_part;  /* colours whose parts are apart: of each plane; else 0 */
     uint64_t factors; /* coefficients: hash of the file with their U */
     uint32_t n_layer;
     struct prt_coefficient_layer layer[PRT_MOST_PARTS]; /* without their scales */
     float scale[PRT_MOST_PARTS][RENDER_MAX_LIGHTS];     /* of each plane */
-    /* Coefficients: one for all blocks, or one of each block; one allocation, freed by the
-       callee of render_fn. NULL: none. */
+    /* Coefficients and n_part: one for all blocks, or one of each block; one allocation, freed
+       by the callee of render_fn. NULL: none. */
     Relight__Outgoing **outgoing;
     uint32_t n_outgoing;
-    uint64_t hash; /* of the payload, where the spec asks for it */
+    uint64_t hash;              /* of the payload, where the spec asks for it */
+    struct cache_entry *values; /* struct vertex_values, for the callee to release; or NULL */
     struct prt_camera camera;
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
     float error_bound;
     uint32_t shared, samples, frames;
     bool preview, converged; /* preview: an image-space engine answered */
+    bool draft;              /* a draft answered */
+    float bake_fraction;     /* with draft: how far the bake is */
     int engine;
     char note[120];
 };
@@ -136,7 +160,7 @@ struct render;
 /* The callee owns the result's payload. Called on the loop's thread, possibly before
  * render_start returns, which then returns NULL. */
 typedef void (*render_fn)(void *user, struct render_result *result);
-/* Takes over the spec's texels. */
+/* Takes over what the spec shares. */
 struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
                             void *user);
 /* done is not called after this. */

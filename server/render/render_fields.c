@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Fields of a view's state by their names in relight.proto.
-#include "render/render.h"
+#include "render/evaluation.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -43,8 +43,10 @@ static const struct {
     ROW("picture.samples", samples),
     ROW("picture.no_specular", no_specular),
     ROW("picture.transparent", transparent),
+    ROW("picture.floor", floor),
 };
-static const char *const others[] = {"lights",
+static const char *const others[] = {"shade.materials",
+                                     "lights",
                                      "lights.rotate_deg",
                                      "lights.gain",
                                      "shade",
@@ -93,5 +95,10 @@ int render_spec_copy_fields(struct render_spec *spec, const struct render_spec *
         if (render_fields_name(n, fields, rows[i].name))
             memcpy((char *)spec + rows[i].offset, (const char *)values + rows[i].offset,
                    rows[i].size);
+    if (render_fields_name(n, fields, "shade.materials")) {
+        media_map_release(spec->objects);
+        spec->objects = values->objects;
+        if (spec->objects) spec->objects->refs++;
+    }
     return 0;
 }

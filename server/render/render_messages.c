@@ -22,6 +22,8 @@ void render_cost_message(const struct render_result *r, Relight__Cost *cost)
     cost->frames = r->frames;
     cost->converged = r->converged;
     cost->note = (char *)r->note;
+    cost->draft = r->draft;
+    cost->bake_fraction = r->bake_fraction;
 }
 
 static void coefficients_message(const struct render_result *r, const struct render_spec *spec,
@@ -57,6 +59,11 @@ void render_colors_message(const struct render_result *r, const struct render_sp
     out->plane_bytes = r->plane_bytes;
     out->format = spec->format;
     out->generation = r->generation;
+    out->n_part = r->n_part;
+    if (r->n_part) {
+        out->n_outgoing = r->n_outgoing;
+        out->outgoing = r->outgoing;
+    }
     if (!is_coefficients(spec)) return;
     coefficients_message(r, spec, coefficients);
     out->coefficients = &coefficients->coefficients;

@@ -25,8 +25,10 @@ void render_spec_finish(struct render_spec *spec)
 {
     held_bytes_release(spec->texels);
     pose_release(spec->pose);
+    media_map_release(spec->objects);
     spec->texels = NULL;
     spec->pose = NULL;
+    spec->objects = NULL;
 }
 
 void render_spec_copy(const struct render_spec *from, struct render_spec *to)
@@ -34,6 +36,16 @@ void render_spec_copy(const struct render_spec *from, struct render_spec *to)
     *to = *from;
     if (to->texels) held_bytes_hold(to->texels);
     if (to->pose) to->pose->refs++;
+    if (to->objects) to->objects->refs++;
+}
+
+struct render_spec render_spec_plain(const struct render_spec *spec)
+{
+    struct render_spec plain = *spec;
+    plain.texels = NULL;
+    plain.pose = NULL;
+    plain.objects = NULL;
+    return plain;
 }
 
 int render_spec_pose(struct render_spec *spec, const struct model *model, const char *name,
@@ -212,24 +224,64 @@ static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, cha
     return 0;
 }
 
+static int parse_material(struct render_spec *spec, struct request *request, const char *text,
+                          char error[300])
+{
+    bool preset;
+    spec->has_material = text[0] != 0;
+    spec->material_key[0] = 0;
+    if (!spec->has_material) return 0;
+    if (material_of_request(request, text, &spec->material, &preset, error))
+        return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+    material_key(&spec->material, spec->material_key);
+    return 0;
+}
+
+static int parse_entry(struct request *request, const Relight__ObjectMaterial *in, size_t index,
+                       struct media_map *map, char error[300])
+{
+    char own[300];
+    bool preset;
+    if (!in->object[0] || !in->material[0])
+        REFUSE(BAD_REQUEST, "shade.materials[%zu]: object or material is missing", index);
+    if (material_of_request(request, in->material, &map->entry[index].material, &preset, own))
+        REFUSE(OUT_OF_RANGE, "material of \"%.63s\": %.200s", in->object, own);
+    snprintf(map->entry[index].object, sizeof map->entry[0].object, "%s", in->object);
+    return 0;
+}
+
+static int parse_objects(struct render_spec *spec, struct request *request, size_t n,
+                         Relight__ObjectMaterial *const *in, char error[300])
+{
+    int code = 0;
+    if (n > PRT_MEDIA_MAX) RANGE(n, 0, PRT_MEDIA_MAX, "", "shade.materials");
+    struct media_map *map = n ? media_map_create((unsigned)n) : NULL;
+    if (n && !map) REFUSE(NO_MEMORY, "not enough memory");
+    for (size_t i = 0; i < n && !code; i++) code = parse_entry(request, in[i], i, map, error);
+    if (code) {
+        media_map_release(map);
+        return code;
+    }
+    if (map) media_map_set_key(map);
+    media_map_release(spec->objects);
+    spec->objects = map;
+    return 0;
+}
+
 int render_spec_shade(struct render_spec *spec, struct request *request,
                       const Relight__Shade *shade, char error[300])
 {
     if (!shade) return 0;
-    bool preset;
     if (!is_value(&relight__engine__descriptor, (int)shade->engine))
         REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
     if (!is_value(&relight__term__descriptor, (int)shade->term))
         REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
     spec->engine = shade->engine;
     spec->term = shade->term;
-    spec->has_material = shade->material[0] != 0;
-    spec->material_key[0] = 0;
-    if (spec->has_material) {
-        if (material_of_request(request, shade->material, &spec->material, &preset, error))
-            return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
-        material_key(&spec->material, spec->material_key);
-    }
+    int code = parse_material(spec, request, shade->material, error);
+    if (!code) code = parse_objects(spec, request, shade->n_materials, shade->materials, error);
+    materials_used(request);
+    if (code) return code;
     spec->has_eye = vec3(shade->eye, spec->eye);
     const float *bad = spec->has_eye ? outside(spec->eye, -1e9f, 1e9f) : NULL;
     if (bad) RANGE(*bad, -1e9, 1e9, "", "shade.eye");
@@ -333,6 +385,7 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     spec->plain_background = p->plain_background;
     spec->no_specular = p->no_specular;
     spec->transparent = p->transparent;
+    spec->floor = p->floor;
     if (p->transparent && !image_format_alpha(p->format))
         REFUSE(UNSUPPORTED, "picture.transparent needs a format with alpha: PNG or EXR");
     spec->samples = p->samples ? p->samples : 4;

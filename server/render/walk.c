@@ -15,7 +15,7 @@
 enum {
     HYBRID_SAMPLES = 900, // engine hybrid's own default
     SPECULAR_CUBE = 32,   // side of the cube that prt_specular_create() filters
-    VALUES_KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 200,
+    VALUES_KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 300,
 };
 
 static void walk(struct render *r);
@@ -51,9 +51,11 @@ static void release(struct cache_entry **entry)
 void render_release(struct render *r)
 {
     struct dependency *one[] = {
-        &r->file,       &r->shape,  &r->screen_radiance, &r->visibility, &r->specular,
-        &r->background, &r->map[0], &r->map[1],          &r->map[2],     &r->encoded};
+        &r->file,       &r->shape,    &r->media,      &r->screen_radiance,
+        &r->visibility, &r->specular, &r->background, &r->map[0],
+        &r->map[1],     &r->map[2],   &r->encoded,    &r->floor};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) release(&one[i]->entry);
+    release(&r->faded);
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
         release(&r->env[i].entry);
         release(&r->light[i].entry);
@@ -91,9 +93,9 @@ static bool any_failed(struct render *r)
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->contracted_light[i])) return true;
     if (failed(r, &r->encoded) || failed(r, &r->file) || failed(r, &r->shape) ||
-        failed(r, &r->screen_radiance) || failed(r, &r->visibility) ||
-        failed(r, &r->specular) || failed(r, &r->background) || failed(r, &r->map[0]) ||
-        failed(r, &r->map[1]) || failed(r, &r->map[2]))
+        failed(r, &r->media) || failed(r, &r->floor) || failed(r, &r->screen_radiance) ||
+        failed(r, &r->visibility) || failed(r, &r->specular) || failed(r, &r->background) ||
+        failed(r, &r->map[0]) || failed(r, &r->map[1]) || failed(r, &r->map[2]))
         return true;
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->env[i]) || failed(r, &r->light[i]) || failed(r, &r->vertex_values[i]))
@@ -127,6 +129,18 @@ const struct prt_mesh *render_mesh(const struct render *r)
     return r->screen ? &render_shape(r)->mesh : &render_transport(r)->mesh;
 }
 
+static bool draws(const struct render *r)
+{
+    return r->spec.picture && !r->spec.values;
+}
+
+const struct prt_media *render_media(const struct render *r)
+{
+    return r->media.entry ? r->media.entry->value
+           : r->screen    ? render_shape(r)->media
+                          : &render_transport(r)->media;
+}
+
 unsigned render_n_values(const struct render_spec *spec)
 {
     return spec->picture || spec->sum || !spec->n_light ? 1 : spec->n_light;
@@ -150,6 +164,21 @@ static void step_model(struct render *r)
     else set_error(r, code, error);
 }
 
+static void step_media(struct render *r)
+{
+    char error[300];
+    int code = check_request(r, error);
+    if (code) {
+        set_error(r, code, error);
+        return;
+    }
+    const struct cache_entry *file = r->screen ? render_shape(r)->file : r->file.entry;
+    struct cache_entry *entry =
+        media_get(r->model, &r->spec, r->screen ? r->shape.entry : r->file.entry,
+                  render_mesh(r), render_media(r), prt_file_hash(file->value));
+    if (entry) depend(r, &r->media, entry);
+}
+
 static int depend_on_images(struct render *r, char error[300])
 {
     int code = 0;
@@ -160,11 +189,9 @@ static int depend_on_images(struct render *r, char error[300])
     }
     for (int k = 0; !code && r->screen && k < 3; k++) {
         if (!r->spec.map[k][0]) continue;
-        const struct prt_material *material =
-            r->spec.has_material ? &r->spec.material : render_shape(r)->media->medium;
         struct cache_entry *entry =
-            surface_map_get(r->server, (enum prt_screen_map_kind)k, r->spec.map[k], material,
-                            r->spec.bump_mm, &code, error);
+            surface_map_get(r->server, (enum prt_screen_map_kind)k, r->spec.map[k],
+                            render_media(r)->medium, r->spec.bump_mm, &code, error);
         if (entry) depend(r, &r->map[k], entry);
     }
     return code;
@@ -173,13 +200,13 @@ static int depend_on_images(struct render *r, char error[300])
 static void step_environments(struct render *r)
 {
     char error[300];
-    int code = check_request(r, error);
+    int code = check_media(r, error);
     if (!code) code = depend_on_images(r, error);
-    if (!code && r->spec.picture)
+    if (!code && draws(r))
         code =
             camera_choose(r->model, r->generation, &r->spec, render_mesh(r), &r->camera, error);
     if (code) set_error(r, code, error);
-    if (code || !r->spec.picture) return;
+    if (code || !draws(r)) return;
     depend(r, &r->visibility,
            visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
                           render_mesh(r), &r->spec, &r->camera));
@@ -196,7 +223,7 @@ static void step_lights(struct render *r)
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) env[i] = r->env[i].entry;
     for (unsigned i = 0; i < render_n_values(s) && !render_light_is_baked(r); i++)
         depend(r, &r->light[i], light_get(r->server, s, env, i, each, cube, true));
-    if (!s->picture) return;
+    if (!draws(r)) return;
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
         depend(r, &r->specular,
                light_get(r->server, s, env, 0, s->n_light, SPECULAR_CUBE, true));
@@ -210,12 +237,14 @@ static void vertex_query(const struct render *r, struct vertex_query *query)
                                PRT_ANSWER_SINGLE};
     const struct render_spec *s = &r->spec;
     *query = (struct vertex_query){.term = term[s->term],
-                                   .planes = s->picture,
+                                   .planes = s->picture || most_parts(s),
+                                   .most_apart = most_parts(s),
                                    .coefficients = is_coefficients(s),
-                                   .most_rank = is_coefficients(s) ? s->most_rank : 0,
+                                   .most_rank = is_coefficients(s) ? s->most_rank
+                                                : s->picture       ? 0
+                                                                   : s->color_rank,
                                    .phases = is_coefficients(s) && s->phases,
-                                   .has_material = s->has_material,
-                                   .material = s->material,
+                                   .media = r->media.entry,
                                    .has_eye = s->has_eye && !s->picture};
     for (int c = 0; c < 3; c++)
         query->eye[c] = s->eye[c] * render_transport(r)->mesh.mm_per_unit;
@@ -226,21 +255,23 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
 {
     const struct render_spec *s = &r->spec;
     const struct cache_entry *light = r->light[i].entry;
-    char key[VALUES_KEY], eye[64] = "";
+    char key[VALUES_KEY], eye[64] = "", media[MEDIA_KEY];
+    media_key(s, media);
     if (query->has_eye)
         snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query->eye[0],
                  (double)query->eye[1], (double)query->eye[2]);
     if (s->term == RELIGHT__TERM__TERM_IRRADIANCE)
         snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->key,
-                 (unsigned long long)r->generation, s->material_key, light->key);
+                 (unsigned long long)r->generation, media, light->key);
     else
-        snprintf(key, sizeof key, "%s/%llu/%s%u/%d/%s/%s/%s", r->model->key,
+        snprintf(key, sizeof key, "%s/%llu/%s%u,%u/%d/%s/%s/%s", r->model->key,
                  (unsigned long long)r->generation,
                  s->picture             ? "planes"
+                 : query->most_apart    ? "parts"
                  : !query->coefficients ? "colors"
                  : query->phases        ? "phases"
                                         : "rows",
-                 query->most_rank, query->term, s->material_key, eye,
+                 query->most_apart, query->most_rank, query->term, media, eye,
                  light ? light->key : "fixed");
     return strdup(key);
 }
@@ -249,12 +280,13 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
 // there already, else with the material, else with the light.
 static void depend_on_contraction(struct render *r, unsigned i)
 {
-    const struct prt_material *material = r->spec.has_material ? &r->spec.material : NULL;
+    char media[MEDIA_KEY];
     struct cache_entry *light = r->light[i].entry, *file = r->file.entry;
     struct cache_entry *entry = light_contraction_find(r->model, r->generation, file, light);
     if (!entry) {
-        r->contracted_material[i] = material_contraction_get(
-            r->model, r->generation, file, light, material, r->spec.material_key);
+        media_key(&r->spec, media);
+        r->contracted_material[i] = material_contraction_get(r->model, r->generation, file,
+                                                             light, r->media.entry, media);
         if (r->contracted_material[i]) return;
         entry = light_contraction_get(r->model, r->generation, file, light);
     }
@@ -298,8 +330,7 @@ static void screen_query(const struct render *r, struct screen_query *query)
     const struct refinement *mean = s->refinement;
     *query = (struct screen_query){.engine = -1,
                                    .budget_ms = light_budget(r),
-                                   .has_material = s->has_material,
-                                   .material = s->material,
+                                   .media = r->media.entry,
                                    .background = picture_class(s) == WORK_BACKGROUND};
     if (s->engine) {
         query->engine = s->engine - RELIGHT__ENGINE__ENGINE_SPLAT;
@@ -319,8 +350,10 @@ static void depend_on_screen(struct render *r)
     const struct render_spec *s = &r->spec;
     const char *visibility = r->visibility.entry->key, *light = r->light[0].entry->key;
     struct screen_query query;
+    char media[MEDIA_KEY];
     screen_query(r, &query);
-    size_t size = strlen(visibility) + strlen(light) + 420;
+    media_key(s, media);
+    size_t size = strlen(visibility) + strlen(light) + 420 + MEDIA_KEY;
     char *key = malloc(size);
     if (!key) {
         set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
@@ -328,8 +361,8 @@ static void depend_on_screen(struct render *r)
     }
     snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s/%s/%.9g/%s/%s", r->model->key,
              (unsigned long long)r->generation, query.slot, query.engine, query.n_sample,
-             query.frame, (double)s->budget_ms, s->material_key, s->map[0], s->map[1],
-             s->map[2], (double)s->bump_mm, visibility, light);
+             query.frame, (double)s->budget_ms, media, s->map[0], s->map[1], s->map[2],
+             (double)s->bump_mm, visibility, light);
     struct cache_entry *map[3] = {r->map[0].entry, r->map[1].entry, r->map[2].entry};
     depend(r, &r->screen_radiance,
            screen_radiance_get(r->server, key, &query, r->shape.entry, r->visibility.entry,
@@ -338,12 +371,49 @@ static void depend_on_screen(struct render *r)
     free(key);
 }
 
+static void depend_on_floor(struct render *r)
+{
+    const struct render_spec *s = &r->spec;
+    struct cache_entry *entry =
+        floor_get(r->server, r->screen ? r->shape.entry : r->file.entry, render_mesh(r),
+                  r->visibility.entry, r->light[0].entry, (size_t)s->width * s->height);
+    if (entry) depend(r, &r->floor, entry);
+    else set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+}
+
+// The draft's values are there, or could not be computed: then the bake's are shown alone.
+static void faded(void *user, struct render_result *result)
+{
+    struct render *r = user;
+    r->fading = NULL;
+    r->faded = result->values;
+    r->faded_error = result->error_bound;
+    if (--r->n_waiting == 0 && !r->walking) walk(r);
+}
+
+static void fade(struct render *r)
+{
+    struct render_spec spec;
+    if (!r->spec.fade_from || is_coefficients(&r->spec) || render_n_values(&r->spec) > 1)
+        return;
+    render_spec_copy(&r->spec, &spec);
+    spec.fade_from = NULL;
+    spec.refinement = NULL;
+    spec.values = true;
+    spec.hash = spec.floor = false;
+    spec.max_error = 0;
+    r->n_waiting++;
+    r->fading = render_start(r->spec.fade_from, &spec, faded, r);
+}
+
 static void step_radiance(struct render *r)
 {
+    if (r->spec.picture && r->spec.floor) depend_on_floor(r);
     if (r->screen) {
         depend_on_screen(r);
         return;
     }
+    fade(r);
     struct vertex_query query;
     vertex_query(r, &query);
     for (unsigned i = 0; i < render_n_values(&r->spec); i++) {
@@ -360,7 +430,7 @@ static void step_radiance(struct render *r)
 // Colours of several planes are encoded with their answer.
 static void step_encoding(struct render *r)
 {
-    if (r->spec.picture || render_n_values(&r->spec) > 1 ||
+    if (r->spec.picture || r->spec.values || r->faded || render_n_values(&r->spec) > 1 ||
         r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32 || is_coefficients(&r->spec))
         return;
     struct cache_entry *entry =
@@ -371,10 +441,13 @@ static void step_encoding(struct render *r)
 
 static void take_steps(struct render *r)
 {
-    static void (*const run_step[])(struct render *) = {
-        [STEP_MODEL] = step_model,       [STEP_ENVIRONMENTS] = step_environments,
-        [STEP_LIGHTS] = step_lights,     [STEP_CONTRACTIONS] = step_contractions,
-        [STEP_RADIANCE] = step_radiance, [STEP_ENCODING] = step_encoding};
+    static void (*const run_step[])(struct render *) = {[STEP_MODEL] = step_model,
+                                                        [STEP_MEDIA] = step_media,
+                                                        [STEP_ENVIRONMENTS] = step_environments,
+                                                        [STEP_LIGHTS] = step_lights,
+                                                        [STEP_CONTRACTIONS] = step_contractions,
+                                                        [STEP_RADIANCE] = step_radiance,
+                                                        [STEP_ENCODING] = step_encoding};
     r->walking = true;
     while (!r->n_waiting) { // a step that found an error may have dependencies: they end first
         if (!r->done) r->result.code = RELIGHT__ERROR_CODE__ERROR_CANCELLED;
@@ -396,6 +469,15 @@ static void walk(struct render *r)
     work_act(work, before);
 }
 
+// A draft of the bake under way answers in its place, where baked transport can.
+static void choose_draft(struct render *r)
+{
+    struct model *draft = model_answering(r->model);
+    if (draft == r->model || render_uses_screen(r)) return;
+    model_hold(r->bakes = r->model);
+    r->model = draft;
+}
+
 struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
                             void *user)
 {
@@ -409,10 +491,12 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
     }
     r->server = model->server;
     r->model = model;
-    model_hold(model);
     r->spec = *spec;
+    choose_draft(r);
+    model_hold(r->model);
     spec->texels = NULL;
     spec->pose = NULL;
+    spec->objects = NULL;
     if (r->spec.refinement) r->spec.refinement->refs++;
     r->done = done;
     r->user = user;
@@ -437,9 +521,14 @@ static void leave(struct render *r, struct dependency *dependency)
 
 static void leave_all(struct render *r)
 {
-    struct dependency *one[] = {&r->file,     &r->shape,      &r->visibility,
-                                &r->specular, &r->background, &r->map[0],
-                                &r->map[1],   &r->map[2],     &r->encoded};
+    struct dependency *one[] = {&r->file,     &r->shape,      &r->media,  &r->visibility,
+                                &r->specular, &r->background, &r->map[0], &r->map[1],
+                                &r->map[2],   &r->encoded,    &r->floor};
+    if (r->fading) {
+        render_cancel(r->fading);
+        r->fading = NULL;
+        r->n_waiting--;
+    }
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) leave(r, one[i]);
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
         leave(r, &r->env[i]);

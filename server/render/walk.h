@@ -20,6 +20,7 @@ struct dependency {
 /* The steps of an evaluation, in their order. */
 enum render_step {
     STEP_MODEL,
+    STEP_MEDIA,
     STEP_ENVIRONMENTS,
     STEP_LIGHTS,
     STEP_CONTRACTIONS,
@@ -32,6 +33,7 @@ struct render {
     struct work work; /* first: the last step's work */
     struct server *server;
     struct model *model;
+    struct model *bakes; /* held: `model` is the draft of its bake; NULL: it is none */
     struct render_spec spec;
     render_fn done; /* NULL: cancelled */
     void *user;
@@ -46,6 +48,7 @@ struct render {
     bool transient; /* one frame of many: its radiance is dropped from the cache at the end */
     /* geometry: the open .prt file, or with `screen` the shape */
     struct dependency file, shape;
+    struct dependency media; /* that the request gives; NULL: the model's own */
     struct dependency env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS];
     /* joint transport contracted with light i */
     struct dependency contracted_light[RENDER_MAX_LIGHTS];
@@ -53,9 +56,12 @@ struct render {
     struct cache_entry *contracted_material[RENDER_MAX_LIGHTS];
     struct dependency vertex_values[RENDER_MAX_LIGHTS]; /* without `screen` */
     char *values_key[RENDER_MAX_LIGHTS];                /* of their entries; owned */
+    struct render *fading; /* computes the draft's values to fade from; NULL: it has ended */
+    struct cache_entry *faded;         /* those; NULL: there are none */
+    float faded_error;                 /* their error bound */
     struct dependency encoded;         /* one plane of colours that are not float */
     struct dependency screen_radiance; /* with `screen` */
-    struct dependency visibility, specular, background, map[3];
+    struct dependency visibility, specular, background, floor, map[3];
     struct prt_camera camera;
     uint64_t start_ns;
     struct render_result result;
@@ -67,6 +73,8 @@ const struct prt_transport *render_transport(const struct render *r); /* without
 /* Where the vertices are that this evaluation draws; NULL: where the file has them. */
 const struct pose *render_pose(const struct render *r);
 struct shape *render_shape(const struct render *r); /* with `screen` */
+/* The media by object: the request's, or the model's own. */
+const struct prt_media *render_media(const struct render *r);
 const struct prt_mesh *render_mesh(const struct render *r);
 /* How many vertex_values the evaluation has: one for a picture or a sum, else one a light. */
 unsigned render_n_values(const struct render_spec *spec);
@@ -84,6 +92,8 @@ bool render_uses_screen(const struct render *r);
 bool render_light_is_baked(const struct render *r);
 /* Whether the image-space engines, or the open bake, can answer the request. */
 int check_request(const struct render *r, char error[300]);
+/* Whether they can with these media. */
+int check_media(const struct render *r, char error[300]);
 /* Whether result.error_bound is within the request's max_error. */
 int check_error_bound(const struct render *r, char error[300]);
 

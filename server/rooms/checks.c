@@ -91,6 +91,9 @@ int room_scene_check(const Relight__Scene *scene, char error[ROOM_ERROR])
     if (scene->shade && *scene->shade->material)
         return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                            "shade.material: the material is a field of the scene");
+    if (scene->shade && scene->shade->n_materials)
+        return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                           "shade.materials: a scene has one material for all objects");
     if (scene->picture && scene->picture->camera)
         return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                            "picture.camera: the camera is a field of the scene");

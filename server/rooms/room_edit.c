@@ -223,6 +223,11 @@ static void begin(struct edit *edit)
 {
     struct room *room = edit->room;
     char error[ROOM_ERROR];
+    if (room->rooms->store->away) { // the state stays, for those who look at it
+        refuse(edit, RELIGHT__ERROR_CODE__ERROR_BUSY,
+               "the database of rooms is away: nothing was changed, try again later");
+        return;
+    }
     if (!pack(edit, room->state->sequence + 1)) {
         refuse(edit, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;

@@ -393,7 +393,9 @@ static void picture(struct request *request, struct room *room)
     }
     protobuf_c_message_free_unpacked(request->message, NULL);
     request->message = image;
-    material_then(request, ((Relight__ImageRequest *)image)->shade->material, false, op_image);
+    struct material_texts texts = {.n = 0};
+    material_texts_of_shade(&texts, ((Relight__ImageRequest *)image)->shade);
+    material_then(request, &texts, false, op_image);
 }
 
 void op_room_picture(struct request *request)

@@ -39,6 +39,9 @@ struct rooms {
     struct backup *backups; /* room_backup.c */
     struct loop_timer purge;
     bool stopping;
+    bool reading_guests, guests_again, guests_missed;
+    uint64_t tokens_version; /* shared_tokens.c; 0: none is known */
+    bool reading_tokens, tokens_again;
 };
 
 /* Waits for a room to be in memory. */
@@ -72,9 +75,9 @@ struct room {
     uint64_t snapshot;         /* sequence of the newest snapshot */
     uint64_t bytes;            /* of its log */
     bool stale;                /* the state has events that could not be written */
-    bool loading;
-    unsigned n_edit;    /* events on their way to the disk */
-    struct edit *again; /* edits that start again once it is read */
+    bool loading, again_stale; /* again_stale: it is to be read once more */
+    unsigned n_edit;           /* events on their way to the disk */
+    struct edit *again;        /* edits that start again once it is read */
     struct room_waiter *waiters, **last_waiter;
     unsigned users;         /* requests that use it now */
     struct room_tail *tail; /* NULL: nobody sits here */
@@ -145,6 +148,13 @@ void find_seen(struct request *request, struct room *room, const Relight__Scene 
 void readers_check(struct room *room);
 /* The principal has one room less. */
 void give_back_room(struct server *server, const char *name);
+
+/* shared_tokens.c */
+/* Where rooms are in a database that replicas share, the list of tokens is, too: reads it, or
+ * writes this replica's. 0 or -1. */
+int tokens_share(struct rooms *rooms);
+/* Another replica, or this one, has changed the list: reads it. */
+void tokens_changed(struct rooms *rooms);
 
 /* room_seat.c */
 /* Participants of a room in memory. */

@@ -76,7 +76,8 @@ static void idle_over(struct loop_timer *timer)
 {
     struct room *room = (struct room *)((char *)timer - offsetof(struct room, idle));
     if (in_use(room)) return;
-    if (!room->stale && room->committed > room->snapshot) room_write_snapshot(room);
+    if (room->state && !room->stale && room->committed > room->snapshot)
+        room_write_snapshot(room);
     room_free(room);
 }
 
@@ -242,7 +243,8 @@ static void loaded(struct room_task *task)
 {
     struct room *room = (struct room *)((char *)task - offsetof(struct room, load));
     room->loading = false;
-    room->stale = false;
+    room->stale = room->again_stale; // written by another replica meanwhile
+    room->again_stale = false;
     if (task->status == ROOM_TASK_DONE) take_loaded(room, task);
     else if (task->status == ROOM_TASK_MISSING)
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "");
@@ -252,6 +254,7 @@ static void loaded(struct room_task *task)
     }
     room_task_finish(task);
     if (!room->state) edits_again(room); // they fail
+    room_reload_if_idle(room);
 }
 
 static void begin_load(struct room *room)
@@ -296,11 +299,18 @@ void room_use(struct rooms *rooms, const char *id, struct room_waiter *waiter)
 
 // ---- start and end
 
+static void refresh_guests(struct rooms *rooms);
+
 static void wait_for(struct rooms *rooms, struct room_task *task, bool *over)
 {
     rooms->store->api->submit(rooms->store, task);
     while (!*over) loop_turn(rooms->server->loop, -1);
 }
+
+struct guests_reading {
+    struct room_task task; // first
+    struct rooms *rooms;
+};
 
 struct at_start {
     struct room_task task;
@@ -312,18 +322,24 @@ static void read_at_start(struct room_task *task)
     ((struct at_start *)task)->over = true;
 }
 
+static bool take_guests(struct rooms *rooms, const struct room_task *task)
+{
+    bool good = true;
+    for (size_t i = 0; i < task->n_row && good; i++) {
+        const struct room_row *row = &task->row[i];
+        struct room_invite invite = {.role = row->role, .expires_s = row->expires_s};
+        snprintf(invite.id, sizeof invite.id, "%.32s", row->by);
+        snprintf(invite.hash, sizeof invite.hash, "%s", row->hash);
+        good = guests_add(&rooms->guests, row->room, &invite);
+    }
+    return good;
+}
+
 static int read_guests(struct rooms *rooms)
 {
     struct at_start s = {.task = {.kind = ROOM_TASK_INVITES, .done = read_at_start}};
     wait_for(rooms, &s.task, &s.over);
-    bool failed = s.task.status != ROOM_TASK_DONE;
-    for (size_t i = 0; i < s.task.n_row && !failed; i++) {
-        const struct room_row *row = &s.task.row[i];
-        struct room_invite invite = {.role = row->role, .expires_s = row->expires_s};
-        snprintf(invite.id, sizeof invite.id, "%.32s", row->by);
-        snprintf(invite.hash, sizeof invite.hash, "%s", row->hash);
-        failed = !guests_add(&rooms->guests, row->room, &invite);
-    }
+    bool failed = s.task.status != ROOM_TASK_DONE || !take_guests(rooms, &s.task);
     room_task_finish(&s.task);
     return failed ? -1 : 0;
 }
@@ -356,6 +372,56 @@ static bool guest_may_see(const struct server *server, const char *guest, const 
     return shown;
 }
 
+// ---- what other replicas wrote
+
+static void guests_read(struct room_task *task)
+{
+    struct rooms *rooms = ((struct guests_reading *)task)->rooms;
+    rooms->reading_guests = false;
+    if (task->status == ROOM_TASK_DONE) {
+        guests_finish(&rooms->guests);
+        (void)take_guests(rooms, task);
+    } else {
+        rooms->guests_missed = true; // until the database is back
+    }
+    room_task_finish(task);
+    free(task);
+    if (rooms->guests_again) refresh_guests(rooms);
+}
+
+static void refresh_guests(struct rooms *rooms)
+{
+    rooms->guests_again = rooms->reading_guests;
+    struct guests_reading *g = rooms->reading_guests ? NULL : calloc(1, sizeof *g);
+    if (!g) return;
+    rooms->reading_guests = true;
+    g->rooms = rooms;
+    g->task = (struct room_task){.kind = ROOM_TASK_INVITES, .done = guests_read};
+    rooms->store->api->submit(rooms->store, &g->task);
+}
+
+// Events of another replica are read with the room's state, as after a conflict.
+static void reread(struct room *room, uint64_t sequence)
+{
+    bool known = room->state && !room->stale && room->state->sequence >= sequence;
+    if (known || (!room->state && !room->loading)) return;
+    room_spoil(room);
+    room->again_stale |= room->loading;
+    room_reload_if_idle(room);
+}
+
+static void changed_elsewhere(void *user, const struct room_change *change)
+{
+    struct rooms *rooms = user;
+    struct room *room = change->room[0] ? room_in_memory(rooms, change->room) : NULL;
+    if (rooms->stopping) return;
+    if (room) reread(room, change->sequence);
+    for (int i = 0; change->all && i < ROOMS_HASH; i++)
+        for (room = rooms->hash[i]; room; room = room->next) reread(room, UINT64_MAX);
+    if (change->all || change->summary) refresh_guests(rooms);
+    if (change->tokens) tokens_changed(rooms);
+}
+
 int rooms_create(struct server *server, struct rooms **out)
 {
     char fault[256], option[4096];
@@ -373,10 +439,12 @@ int rooms_create(struct server *server, struct rooms **out)
     }
     rooms->server = server;
     *out = rooms;
-    if (read_guests(rooms) || charge_owners(rooms)) {
+    if (read_guests(rooms) || charge_owners(rooms) || tokens_share(rooms)) {
         log_line(LOG_ERR, "rooms %s could not be read", option);
         return -1;
     }
+    rooms->store->user = rooms;
+    rooms->store->changed = changed_elsewhere;
     server->guest_may_see = guest_may_see;
     access_set_guests(server->access, guests_check, guests_current, &rooms->guests);
     return 0;
@@ -387,6 +455,7 @@ void rooms_destroy(struct rooms *rooms)
     if (!rooms) return;
     struct server *server = rooms->server;
     server->guest_may_see = NULL;
+    server->write_tokens = NULL;
     access_set_guests(server->access, NULL, NULL, NULL);
     rooms->stopping = true;
     for (int i = 0; i < ROOMS_HASH; i++)

@@ -60,7 +60,7 @@ static int prepare(struct sqlite_db *db)
     return 0;
 }
 
-// In exclusive mode a second daemon on the same file is refused; the file lock goes with the
+// In exclusive mode a second daemon on the same file is refused; the file lock ends with the
 // process.
 static const char settings[] = "PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL;"
                                "PRAGMA synchronous=FULL; PRAGMA foreign_keys=OFF;"
@@ -452,6 +452,10 @@ void sqlite_run(struct sqlite_db *db, struct room_task *task)
         break;
     case ROOM_TASK_BACKUP:
         fault = backup(db, task);
+        break;
+    case ROOM_TASK_TEXT:
+    case ROOM_TASK_SET_TEXT:
+        task->status = ROOM_TASK_MISSING;
         break;
     case ROOM_TASK_APPEND:
         break; // in a transaction of many: sqlite_append

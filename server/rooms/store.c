@@ -26,6 +26,12 @@ const struct room_store_api *room_store_parse(const char *option, const char **w
         *where = option + sizeof sqlite - 1;
         return &room_store_sqlite;
     }
-    snprintf(error, 256, "--rooms %.100s: expected sqlite:FILE", option);
+    if (!strncmp(option, "postgresql://", 13) || !strncmp(option, "postgres://", 11)) {
+        *where = option;
+        return &room_store_postgres;
+    }
+    snprintf(error, 256,
+             "--rooms %.100s: expected sqlite:FILE or postgresql://[USER@]HOST/DATABASE",
+             option);
     return NULL;
 }

@@ -34,6 +34,10 @@ enum room_task_kind {
     ROOM_TASK_OWNERS,   /* out: owners and what their rooms take, for the ledger */
     ROOM_TASK_PURGE,    /* deletes rooms that were closed before `time_us`; out: them */
     ROOM_TASK_BACKUP,   /* copies the store to `path` while it is used */
+    /* A text that replicas share, by its name `path`; a store of one process has none. */
+    ROOM_TASK_TEXT, /* out: snapshot, and its version in `sequence`; MISSING: there is none */
+    ROOM_TASK_SET_TEXT, /* CONFLICT unless `sequence` is the version (0: none), which grows by 1
+                         */
 };
 
 struct room_event_bytes {
@@ -99,13 +103,27 @@ struct room_store_api {
     /* Waits for tasks that were submitted; their `done` was posted to the loop. */
     void (*close)(struct room_store *store);
 };
+/* What another process wrote, or perhaps this one. */
+struct room_change {
+    char room[40];
+    uint64_t sequence;
+    bool summary; /* who may enter it has changed, too */
+    bool all;     /* changes were missed: any room, any summary */
+    bool tokens;  /* the list of tokens */
+};
 struct room_store {
     const struct room_store_api *api;
+    /* Called on the loop's thread. Set by the owner; NULL: it does not care. A store of one
+     * process never calls it. */
+    void (*changed)(void *user, const struct room_change *change);
+    void *user;
+    _Atomic bool away; /* nothing can be read or written now; it comes back by itself */
 };
 extern const struct room_store_api room_store_sqlite;
+extern const struct room_store_api room_store_postgres; /* several relightd may share it */
 
-/* --rooms: "sqlite:FILE". "": sqlite:DATA/rooms.sqlite. NULL for another kind, with the error's
- * text. *where is its part after the colon. */
+/* --rooms: "sqlite:FILE" or "postgresql://…". NULL for another kind, with the error's text.
+ * *where is the file, or the whole text. */
 const struct room_store_api *room_store_parse(const char *option, const char **where,
                                               char error[256]);
 

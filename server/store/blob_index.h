@@ -48,6 +48,7 @@ struct blob {
 };
 
 struct upload;
+struct blob_fetch;
 
 struct blobs {
     struct blobs_setup setup;
@@ -58,6 +59,7 @@ struct blobs {
     struct blob_lru lru;
     struct blob_owner *owners;
     struct upload *uploads;
+    struct blob_fetch *fetches; /* copies from the shared folder under way */
     uint64_t last_trash;
 };
 
@@ -69,6 +71,9 @@ struct blob *blob_add(struct blobs *blobs, const char *hash, uint64_t size, uint
                       const char *owner, uint64_t used_ns);
 /* Takes it out of the index, gives its charge back and removes its files. */
 void blob_remove(struct blobs *blobs, struct blob *blob);
+/* Adds one whose file was put in place by blob_fetch.c, with the names in its owner file: 0 or
+ * -ENOMEM. */
+int blob_adopt(struct blobs *blobs, const char *hash, uint64_t size);
 /* Remembers a principal's name for it; `write`: on disk, too. */
 void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal,
                    const char *name, bool write);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Uploads: chunks of one upload wait in a queue, and one at a time goes to a worker, which
+// Uploads: chunks of one upload wait in a queue, and a worker takes one at a time, which
 // writes and hashes it. The last one is also synced and named there. Room and number of uploads
 // are the principal's from the first chunk on.
 #include "store/blob_index.h"
@@ -223,6 +223,15 @@ static int run_rehash(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
+// ending: of the upload's file; NULL: the owner's name, beside the blob.
+static int share(const struct upload *u, const char *ending, enum object_kind kind)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s%s", u->blobs->folder, ending ? u->stem : u->found,
+             ending ? ending : ".owner");
+    return object_put(u->blobs->setup.objects, kind, u->found, path);
+}
+
 static int run_write(struct work *work, const struct prt_context *ctx)
 {
     struct upload *u = (struct upload *)work;
@@ -235,9 +244,13 @@ static int run_write(struct work *work, const struct prt_context *ctx)
     u->whole = u->received + u->n == u->size;
     if (!u->whole) return PRT_OK;
     relight_sha256_hex(&u->sha, u->found);
-    if (u->unnamed || !strcmp(u->found, u->hash))
+    if (!u->unnamed && strcmp(u->found, u->hash)) return PRT_OK;
+    // Where replicas share a folder, it is there before anybody hears that it is complete.
+    u->err = share(u, ".part", OBJECT_BLOB);
+    if (!u->err)
         u->err = blob_part_finish(folder, u->stem, u->found, u->principal->name, u->put->name,
                                   &u->first_of_all, &u->format);
+    if (!u->err) (void)share(u, NULL, OBJECT_OWNER);
     return PRT_OK;
 }
 

@@ -427,6 +427,7 @@ void blobs_check_leave(struct blobs *blobs, const char *hash, struct blob_waiter
 
 struct times {
     struct work work;
+    struct object_store *objects; // a use here keeps it there, too
     char folder[BLOB_FOLDER];
     size_t n;
     struct {
@@ -443,7 +444,10 @@ static int run_times(struct work *work, const struct prt_context *ctx)
         struct timespec when = {(time_t)(t->blob[i].used_ns / 1000000000u),
                                 (long)(t->blob[i].used_ns % 1000000000u)};
         struct timespec both[2] = {when, when};
+        uint64_t bytes;
         utimensat(folder, t->blob[i].hash, both, 0); // read-only stores keep their times
+        (void)object_find(t->objects, OBJECT_BLOB, t->blob[i].hash, &bytes);
+        (void)object_find(t->objects, OBJECT_OWNER, t->blob[i].hash, &bytes);
     }
     if (folder >= 0) close(folder);
     return PRT_OK;
@@ -456,6 +460,7 @@ static struct times *collect_times(struct blobs *blobs)
     for (struct blob *b = blobs->lru.newest; b && b->touched; b = b->link[LRU_ALL].older) n++;
     struct times *t = n ? calloc(1, sizeof *t + n * sizeof *t->blob) : NULL;
     if (!t) return NULL;
+    t->objects = blobs->setup.objects;
     snprintf(t->folder, sizeof t->folder, "%s", blobs->folder);
     for (struct blob *b = blobs->lru.newest; t->n < n; b = b->link[LRU_ALL].older, t->n++) {
         memcpy(t->blob[t->n].hash, b->hash, sizeof b->hash);
@@ -507,6 +512,13 @@ static int recover_blob(struct blobs *blobs, const char *hash, const struct stat
     disk_charge(blobs->setup.ledger, owner, (int64_t)charge);
     read_names(blobs, b);
     return 0;
+}
+
+int blob_adopt(struct blobs *blobs, const char *hash, uint64_t size)
+{
+    struct stat st = {.st_size = (off_t)size};
+    clock_gettime(CLOCK_REALTIME, &st.st_mtim);
+    return recover_blob(blobs, hash, &st);
 }
 
 struct found {

@@ -9,6 +9,7 @@
 
 #include "core/ledger.h"
 #include "core/work.h"
+#include "store/object_store.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -19,13 +20,14 @@ enum { BLOB_HASH = 64, BLOB_NAME = 200 };
 struct blobs;
 
 struct blobs_setup {
-    const char *folder;     /* made where there is none */
-    uint64_t max_blob;      /* bytes of the largest upload */
-    struct ledger *ledger;  /* must outlive the store, as must the pool */
-    struct work_pool *work; /* nothing of the store may be under way when it is closed */
-    double keep_s;          /* a blob that was used so recently is not evicted */
-    double idle_s;          /* an upload that got no byte for so long is dropped */
-    double wanted_s;        /* the same while another upload needs its room */
+    const char *folder;           /* made where there is none */
+    uint64_t max_blob;            /* bytes of the largest upload */
+    struct ledger *ledger;        /* must outlive the store, as must the pool */
+    struct object_store *objects; /* what replicas share: must outlive it; NULL: nothing */
+    struct work_pool *work;       /* nothing of the store may be under way when it is closed */
+    double keep_s;                /* a blob that was used so recently is not evicted */
+    double idle_s;                /* an upload that got no byte for so long is dropped */
+    double wanted_s;              /* the same while another upload needs its room */
 };
 /* Reads the folder: blobs, and uploads that a restart interrupted. 0 or -errno. */
 int blobs_open(const struct blobs_setup *setup, struct blobs **out);
@@ -46,6 +48,10 @@ void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *wait
 /* A waiter whose wake was not called stops waiting; a check that nobody waits for leaves the
  * queue of workers. */
 void blobs_check_leave(struct blobs *blobs, const char *hash, struct blob_waiter *waiter);
+
+/* Copies a blob that is not here from the folder that replicas share, and calls `wake` when
+ * that is done or there is none, perhaps before it returns. The waiter must live until then. */
+void blobs_fetch(struct blobs *blobs, const char *hash, struct blob_waiter *waiter);
 
 /* Path of a blob that is there; n >= 4096. */
 void blobs_path(const struct blobs *blobs, const char *hash, char *path, size_t n);

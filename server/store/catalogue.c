@@ -24,7 +24,60 @@ static void record_path(const struct server *server, const char *id, char path[P
     snprintf(path, PATH_MAX, "%s/models/%s.json", server->data, id);
 }
 
-void model_remember(const struct model *m)
+// ---- the record in the folder that replicas share
+
+struct record_task {
+    struct file_task task; // first
+    struct model *model;   // held; written: its record_err. NULL: the record is removed
+    struct object_store *objects;
+    char id[MODEL_ID + 1];
+    char *text;
+};
+
+static int run_record(struct file_task *task)
+{
+    struct record_task *r = (struct record_task *)task;
+    return r->model ? object_write(r->objects, r->id, r->text)
+                    : object_remove(r->objects, OBJECT_RECORD, r->id);
+}
+
+static void record_done(struct file_task *task)
+{
+    struct record_task *r = (struct record_task *)task;
+    if (task->status)
+        log_line(LOG_WARN, "model id=%s its record in --store cannot be %s: %s", r->id,
+                 r->model ? "written" : "removed", strerror(-task->status));
+    if (r->model) r->model->record_err = task->status;
+    model_release(r->model);
+    free(r->text);
+    free(r);
+}
+
+// text: taken; NULL: removes the record.
+static void share_record(struct server *server, const char *id, struct model *m, char *text)
+{
+    struct record_task *r = object_store_shared(server->objects) ? calloc(1, sizeof *r) : NULL;
+    if (!r) {
+        free(text);
+        return;
+    }
+    r->objects = server->objects;
+    r->text = text;
+    snprintf(r->id, sizeof r->id, "%s", id);
+    if (m) model_hold(r->model = m);
+    r->task.run = run_record;
+    r->task.done = record_done;
+    file_queue_add(server->file_queue, &r->task);
+}
+
+static const char *state_word(const struct model *m)
+{
+    return m->state == RELIGHT__MODEL_STATE__MODEL_READY    ? "ready"
+           : m->state == RELIGHT__MODEL_STATE__MODEL_BAKING ? "baking"
+                                                            : "preview";
+}
+
+void model_remember(struct model *m)
 {
     char path[PATH_MAX];
     if (m->copy) return;
@@ -44,14 +97,23 @@ void model_remember(const struct model *m)
         cJSON_AddStringToObject(one, "name", a->name);
         cJSON_AddItemToArray(aliases, one);
     }
+    cJSON_AddStringToObject(json, "state", state_word(m));
+    if (m->load) cJSON_AddStringToObject(json, "load", m->load);
+    if (m->bake_bytes) cJSON_AddNumberToObject(json, "bytes", (double)m->bake_bytes);
+    cJSON_AddStringToObject(json, "replica", m->server->run);
     record_path(m->server, m->id, path);
+    m->recorded = true;
+    m->recorded_ns = loop_now_ns();
+    share_record(m->server, m->id, m, cJSON_Print(json));
     file_write(m->server->file_queue, path, cJSON_Print(json));
     cJSON_Delete(json);
 }
 
-void model_forget_record(const struct model *m)
+void model_forget_record(struct model *m)
 {
     char path[PATH_MAX];
+    if (m->recorded) share_record(m->server, m->id, NULL, NULL);
+    m->recorded = false;
     record_path(m->server, m->id, path);
     if (!m->copy) file_remove(m->server->file_queue, path);
 }
@@ -120,6 +182,7 @@ static int recall(struct models *models, struct server *server, const char *id)
     if (m) {
         m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
         if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
+        if (json_text(json, "load")[0]) m->load = strdup(json_text(json, "load"));
         if (json_text(json, "source")[0]) m->source = strdup(json_text(json, "source"));
         snprintf(m->replaces, sizeof m->replaces, "%s", json_text(json, "replaces"));
         m->removed = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "removed"));

@@ -5,7 +5,7 @@
 #include "core/log.h"
 #include "relight.pb-c.h"
 #include "store/disk.h"
-#include "store/models.h"
+#include "store/model_files.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -97,7 +97,7 @@ static void evict(struct server *server, enum kind kind, const struct victim *v)
     log_line(LOG_EVENT, "model id=%s name=\"%s\" owner=%s %s dropped for room", v->model->id,
              v->model->name, v->model->owner, kind == BAKE ? "bake" : "preview");
     if (kind == BAKE) server->stats.bakes_evicted++;
-    model_unload(v->model, true); // requests in progress keep the open file until they end
+    model_evict(v->model); // requests in progress keep the open file until they end
 }
 
 // owner NULL: anybody's.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The table of --models' files and of their copies. Copying goes through a queue of its own,
+// The table of --models' files and of their copies. Copying has a queue of its own,
 // one file at a time, so that it holds one worker at most. Above 600 lines: table, scan and
 // queue share the lifetime of a copy.
 #include "store/imports.h"

@@ -5,8 +5,8 @@
  * Copies share their blocks with the original where the file system can do that. A file is
  * recognised by device, inode, size and times, and copied again when these have changed.
  * The folder is scanned every --poll seconds and after inotify events. A file that two scans
- * did not find is gone: nothing is called by its name any more, and its copy goes when its room
- * is needed. Thread-safety: loop thread only. */
+ * did not find is gone: nothing is called by its name any more, and its copy is removed when
+ * its space is needed. Thread-safety: loop thread only. */
 #ifndef RELIGHTD_IMPORTS_H
 #define RELIGHTD_IMPORTS_H
 

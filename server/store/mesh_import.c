@@ -16,6 +16,23 @@ struct reading {
     char folder[PATH_MAX]; // to remove
 };
 
+// Nobody waits for a queued reading any more. A bake's is wanted at any rate: views draw it.
+static void reading_unwanted(struct cache_entry *entry)
+{
+    struct reading *r = entry->job;
+    struct model *m = r->model;
+    if (m->gone || m->state != RELIGHT__MODEL_STATE__MODEL_BAKING)
+        decoder_withdraw(m->server->decoder, r); // may free it
+}
+
+// The model of a withdrawn reading was for that alone.
+static void withdrawn(struct model *m)
+{
+    m->mesh = MESH_NONE;
+    log_line(LOG_EVENT, "model id=%s is not read: nobody waits for it", m->id);
+    if (!m->gone && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW) model_unload(m, true);
+}
+
 static void not_read(struct reading *r, int status, const char *error, const char *path)
 {
     struct model *m = r->model;
@@ -29,6 +46,7 @@ static void not_read(struct reading *r, int status, const char *error, const cha
     if (model_is_last(m)) file_remove(m->server->file_queue, path);
     cache_fail(r->entry, code, error);
     cache_release(r->entry);
+    if (status == PRT_CANCELLED) withdrawn(m);
 }
 
 static void read_done(void *user, int status, const char *error, const char *warnings, float ms)
@@ -38,6 +56,7 @@ static void read_done(void *user, int status, const char *error, const char *war
     char path[PATH_MAX];
     model_preview_path(m->server, m->id, path);
     file_remove(m->server->file_queue, r->folder);
+    r->entry->unwanted = NULL;
     if (status || m->gone) {
         not_read(r, status, error, path);
     } else {
@@ -76,6 +95,8 @@ void preview_start(struct model *m, const struct decode_model *order, const char
     }
     snprintf(r->folder, sizeof r->folder, "%s", folder);
     m->mesh = MESH_READING;
+    r->entry->unwanted = reading_unwanted;
+    r->entry->job = r;
     struct decode_model own = *order;
     model_preview_path(m->server, m->id, path);
     own.out = path;

@@ -26,6 +26,12 @@ int64_t wall_ns(void);
 
 void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX]);
 void model_preview_path(const struct server *server, const char *id, char path[PATH_MAX]);
+/* The .prt at `path` is a draft of the bake under way: it answers until model_drop_draft. The
+ * bake's folder holds the file and pays for it. single_follows: the bake has
+ * single scattering, which drafts leave out. */
+void model_take_draft(struct model *model, const char *path, bool single_follows);
+/* Requests in progress finish with the draft. */
+void model_drop_draft(struct model *model);
 /* No client has forgotten it or loaded it again since: its files may be removed with it. */
 bool model_is_last(const struct model *m);
 /* Charges the bake's or preview's file to the owner; 0: it was removed. */
@@ -48,8 +54,14 @@ void preview_remove(struct model *model);
 void model_read_header(struct model *model);
 
 /* catalogue.c: DATA/models/ID.json, from which a restart restores the models. */
-void model_remember(const struct model *model);
-void model_forget_record(const struct model *model);
+void model_remember(struct model *model);
+void model_forget_record(struct model *model);
+/* Makes room: removes its files here. Where replicas share a folder its record stays there, and
+ * a bake comes back when somebody asks for it. */
+void model_evict(struct model *model);
+/* The file under DATA/bakes that belongs to a record which another replica wrote; the model is
+ * READY from here on. */
+void model_is_away(struct model *model, uint64_t bytes);
 /* At start: reads the catalogue and removes unfinished files of a killed daemon. Blocks.
  * PRT_NOMEM: nothing was removed, and the daemon must not start. */
 int catalogue_read(struct models *models);

@@ -120,6 +120,7 @@ struct opening {
     struct model *model;
     struct cache_entry *entry; // NULL: only the checksums are looked at
     bool preview;              // a mesh without transport
+    bool away;                 // its file is in a folder that cannot be read now
     bool header_only;          // without entry: only the properties that LIST shows
     char path[PATH_MAX];
     struct import_copy *used; // stays until it is mapped
@@ -132,10 +133,27 @@ static void close_file(void *file)
     prt_file_close(file);
 }
 
+// A bake that another replica made, or that was removed here for room, is copied from the
+// folder that they share. A folder that is away says nothing about the bake.
+static int fetch(struct opening *o, const struct prt_context *ctx)
+{
+    const struct model *m = o->model;
+    if (o->preview || o->used || !object_store_shared(m->server->objects) ||
+        !access(o->path, F_OK))
+        return PRT_OK;
+    int err = object_get(m->server->objects, OBJECT_BAKE, m->id, o->path);
+    o->away = err && err != -ENOENT;
+    if (!o->away) return PRT_OK; // without a bake opening says so
+    return prt_fail(ctx, PRT_IO, "model %.16s: its bake cannot be fetched from --store: %s",
+                    m->id, strerror(-err));
+}
+
 static int run_opening(struct work *work, const struct prt_context *ctx)
 {
     struct opening *o = (struct opening *)work;
     double start = prt_time_s();
+    int fetched = fetch(o, ctx);
+    if (fetched) return fetched;
     int status = prt_file_open(
         ctx, o->path, o->entry || o->header_only ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL,
         &o->file);
@@ -200,7 +218,7 @@ static void damaged(struct model *m, const char *error)
     m->error_code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
     snprintf(m->error, sizeof m->error, "%s", error);
     log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
-    if (m->copy) return;
+    if (m->copy || m->file) return;
     char path[PATH_MAX];
     model_bake_path(m->server, m->id, path);
     model_charge_bake(m, 0);
@@ -231,7 +249,7 @@ static void not_opened(struct opening *o)
     int code = error_of_status(o->work.status);
     bool missing = o->work.status == PRT_IO && access(o->path, F_OK) && errno == ENOENT;
     if (m->gone) { // and its file with it
-    } else if (o->work.status != PRT_FORMAT && !missing) {
+    } else if (o->away || (o->work.status != PRT_FORMAT && !missing)) {
         // lack of memory or descriptors, an I/O error: the next request tries again
     } else if (o->preview) {
         model_charge_preview(m, 0);
@@ -371,6 +389,7 @@ static void start_opening(struct model *m, struct cache_entry *entry, const char
     }
     o->room.admitted = admitted;
     o->room.bytes = preview ? m->preview_bytes : m->copy ? m->copy->bytes : m->bake_bytes;
+    if (!preview && !o->room.bytes) o->room.bytes = m->away_bytes;
     if (fits_beside_pinned(o)) cache_admit(m->server->files, &o->room);
     else free_opening(o);
 }
@@ -386,6 +405,7 @@ void model_read_header(struct model *m)
     char path[PATH_MAX];
     if (m->copy) import_path(m->server->imports, m->copy->hash, path, sizeof path);
     else model_bake_path(m->server, m->id, path);
+    if (!m->copy && !m->bake_bytes) return; // it would be fetched
     if (!m->facts.baked) start_opening(m, NULL, path, false, true);
 }
 
@@ -442,12 +462,14 @@ static void start_opening_bake(struct model *m, struct cache_entry *entry)
         return;
     }
     if (m->copy) import_path(m->server->imports, m->copy->hash, path, sizeof path);
+    else if (m->file) snprintf(path, sizeof path, "%s", m->file);
     else model_bake_path(m->server, m->id, path);
     model_start_opening(m, entry, path, false);
 }
 
 struct cache_entry *model_open(struct model *m, int *code, char error[256])
 {
+    m = model_answering(m);
     if (m->gone) {
         *code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
         snprintf(error, 256, "%.100s was unloaded and forgotten", m->name);
@@ -477,6 +499,31 @@ struct cache_entry *model_open(struct model *m, int *code, char error[256])
     return NULL;
 }
 
+void model_is_away(struct model *m, uint64_t bytes)
+{
+    m->recorded = true;
+    m->away_bytes = bytes;
+    m->error[0] = 0;
+    model_set_state(m, RELIGHT__MODEL_STATE__MODEL_READY);
+    model_changed(m);
+}
+
+void model_evict(struct model *m)
+{
+    char path[PATH_MAX];
+    bool shared = m->recorded && object_store_shared(m->server->objects);
+    if (shared && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+        model_unload(m, false);
+        model_bake_path(m->server, m->id, path);
+        m->away_bytes = m->bake_bytes;
+        model_charge_bake(m, 0);
+        file_remove(m->server->file_queue, path);
+        return;
+    }
+    m->recorded &= !shared;
+    model_unload(m, true);
+}
+
 uint64_t model_unload(struct model *m, bool forget)
 {
     struct server *server = m->server;
@@ -501,6 +548,7 @@ uint64_t model_unload(struct model *m, bool forget)
     }
     model_hold(m);
     model_take_out(m);
+    model_drop_draft(m);
     preview_remove(m);
     model_changed(m);
     model_release(m);

@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 struct models {
     struct server *server;
@@ -278,6 +279,8 @@ void model_hold(struct model *m)
 void model_release(struct model *m)
 {
     if (!m || --m->users) return;
+    if (m->file) model_forget_results(m, true);
+    model_drop_draft(m);
     cache_release(m->pin);
     pose_release(m->pose);
     import_release(m->server->imports, m->copy);
@@ -287,7 +290,51 @@ void model_release(struct model *m)
     }
     free(m->warnings);
     free(m->source);
+    free(m->file);
+    free(m->load);
     free(m);
+}
+
+// ---- drafts
+
+void model_take_draft(struct model *m, const char *path, bool single_follows)
+{
+    struct stat st;
+    struct model *d = stat(path, &st) ? NULL : calloc(1, sizeof *d);
+    if (!d || !(d->file = strdup(path))) {
+        free(d);
+        return; // image-space engines answer until the bake is ready
+    }
+    model_drop_draft(m);
+    d->server = m->server;
+    d->state = RELIGHT__MODEL_STATE__MODEL_READY;
+    d->users = 1; // of m
+    d->single_follows = single_follows;
+    d->used_ns = wall_ns();
+    d->bake_bytes = (uint64_t)st.st_size; // the bake's folder is charged with them
+    snprintf(d->id, sizeof d->id, "%s", m->id);
+    snprintf(d->name, sizeof d->name, "%s", m->name);
+    snprintf(d->owner, sizeof d->owner, "%s", m->owner);
+    d->serial = ++m->server->models->last_key;
+    snprintf(d->key, sizeof d->key, "%s.%08x", d->id, d->serial);
+    m->draft = d;
+    log_line(LOG_EVENT, "model id=%s has a draft bytes=%llu", m->id,
+             (unsigned long long)d->bake_bytes);
+}
+
+void model_drop_draft(struct model *m)
+{
+    model_release(m->draft);
+    m->draft = NULL;
+}
+
+struct model *model_answering(struct model *m)
+{
+    struct model *d =
+        m->state == RELIGHT__MODEL_STATE__MODEL_BAKING && !m->gone ? m->draft : NULL;
+    if (!d || d->state != RELIGHT__MODEL_STATE__MODEL_READY) return m;
+    d->generation = d->baked_generation = m->baked_generation;
+    return d;
 }
 
 // ---- .prt files of --models

@@ -71,15 +71,25 @@ struct model {
     bool removed;                 /* its file was removed, or no version has it any more */
     char successor[MODEL_ID + 1]; /* id, "": found by the name of the file */
     char replaces[MODEL_ID + 1];  /* id of the model whose names it takes once it is ready */
-    char *source;             /* JSON: path, files and settings of the LOAD of a file that is
-                               * no .prt (ops/repository.c); NULL: uploads, or a .prt */
+    /* Replicas that share a folder (--store). */
+    bool recorded;        /* its record is there, or on its way */
+    uint64_t recorded_ns; /* loop_now_ns() when it was last written */
+    int record_err;       /* of the last attempt to write it; -errno */
+    char *load;           /* hex digits of the packed LOAD: another replica can repeat it */
+    uint64_t away_bytes; /* of a bake that is in the folder, and perhaps not here; 0: unknown */
+    char *source;        /* JSON: path, files and settings of the LOAD of a file that is
+                          * no .prt (ops/repository.c); NULL: uploads, or a .prt */
     struct import_copy *copy; /* of a .prt of --models; NULL: the model was baked here */
     uint64_t bake_bytes, preview_bytes; /* charged to the owner; 0: no file, or not yet known */
     int64_t used_ns;                    /* wall clock: last opened or loaded */
     bool preparing;                     /* a LOAD lays out its files; others wait in `loads` */
     struct load *loads;
-    struct job *job; /* while it is open */
-    char job_id[32]; /* the last one's; "": none was */
+    struct job *job;     /* while it is open */
+    struct model *draft; /* answers while this one is baked: READY, with a key of its own, and
+                          * in no list; NULL: none */
+    char *file;          /* path of a draft's .prt; NULL: this is no draft */
+    bool single_follows; /* a draft: the bake has single scattering, too */
+    char job_id[32];     /* the last one's; "": none was */
     struct cache_entry *pin;
     struct model_facts facts;
     char *warnings; /* lines; NULL: none */
@@ -127,9 +137,12 @@ bool model_is_named(const struct model *model);
 struct model *models_next(const struct models *models, const struct model *model);
 int model_state(const struct model *model); /* Relight__ModelState */
 
-/* The open file of a baked model, with a lease the caller releases: READY (value is a
- * struct prt_file), or PENDING while it is opened. NULL when the model is not baked: *code and
- * error say why. */
+/* The model whose transport answers for this one: its draft while it is baked, else itself. */
+struct model *model_answering(struct model *model);
+
+/* The open file of a baked model, or of its draft, with a lease the caller releases: READY
+ * (value is a struct prt_file), or PENDING while it is opened. NULL when there is neither:
+ * *code and error say why. */
 struct cache_entry *model_open(struct model *model, int *code, char error[256]);
 
 /* The same for the file that has the model's mesh: the bake, else the preview's. */

@@ -185,7 +185,7 @@ static void removed(struct versions *versions, struct version **at)
     *at = v->next;
     free_version(v);
     renew(versions, name);
-    if (!m || m->copy) return; // a .prt goes with its file: imports.h
+    if (!m || m->copy) return; // a .prt is removed with its file: imports.h
     m->removed = true;
     // A bake in progress is for nothing.
     if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) model_unload(m, true);

@@ -17,7 +17,7 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
 {
     struct encoding_job *own = (struct encoding_job *)job;
     const struct vertex_values *values = own->values->value;
-    job->bytes = values->n_vertex * color_bytes(own->spec.format);
+    job->bytes = plane_bytes(&own->spec, values);
     job->value = prt_alloc(job->bytes ? job->bytes : 1, 1);
     if (!job->value) return PRT_NOMEM;
     encode_colors(ctx, &own->spec, values, job->value);

@@ -8,9 +8,7 @@
 
 struct irradiance_job {
     struct cache_job job;
-    struct cache_entry *file, *light;
-    bool has_material;
-    struct prt_material material;
+    struct cache_entry *file, *light, *media;
 };
 
 static int run(struct cache_job *job, const struct prt_context *ctx)
@@ -24,8 +22,7 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
     job->value = out = malloc(job->bytes);
     if (!out) return PRT_NOMEM;
     *out = (struct vertex_values){.n_plane = 1, .n_vertex = mesh->n_vertex, .shared = 1};
-    const struct prt_media given = prt_media_one(&own->material);
-    return prt_reference_colors(ctx, mesh, own->has_material ? &given : &transport->media,
+    return prt_reference_colors(ctx, mesh, own->media ? own->media->value : &transport->media,
                                 own->light->value, &options, (float(*)[3])out->values);
 }
 
@@ -44,8 +41,8 @@ struct cache_entry *irradiance_get(struct server *server, const char *key,
     struct irradiance_job *own = (struct irradiance_job *)job;
     own->file = file;
     own->light = light;
-    own->has_material = query->has_material;
-    own->material = query->material;
+    own->media = query->media;
+    cache_job_hold(job, own->media);
     cache_job_hold(job, file);
     cache_job_hold(job, light);
     cache_job_submit(job);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Joint transport contracted with a material, for any light: each new light then costs as much
+// Joint transport contracted with media, for any light: each new light then costs as much
 // as with wavelet transport. It is made once so many lights were used with the material, on a
 // background worker; no evaluation waits for it, and a plain pass serves until it is ready.
 #include "render/evaluation.h"
@@ -16,8 +16,7 @@ enum { LIGHTS_BEFORE = 8, PREFIX = 300 };
 struct material_contraction_job {
     struct cache_job job;
     struct cache_entry *file;
-    bool has_material; // else the bake's media
-    struct prt_material material;
+    struct cache_entry *media; // NULL: the bake's
 };
 
 static void destroy(void *value)
@@ -36,9 +35,8 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
     if (!c) return PRT_NOMEM;
     one_thread.pool = NULL;
     const struct prt_transport *t = prt_file_transport(own->file->value);
-    const struct prt_media given = prt_media_one(&own->material);
     int status = prt_contracted_transport_create(
-        &one_thread, t, own->has_material ? &given : &t->media, &c->contracted);
+        &one_thread, t, own->media ? own->media->value : &t->media, &c->contracted);
     if (!status) job->bytes = sizeof *c + prt_contracted_transport_bytes(c->contracted);
     return status;
 }
@@ -59,16 +57,15 @@ static const struct cache_job_kind kind = {.size = sizeof(struct material_contra
                                            .done = done};
 
 static struct cache_entry *compute(struct server *server, const char *key,
-                                   struct cache_entry *file,
-                                   const struct prt_material *material)
+                                   struct cache_entry *file, struct cache_entry *media)
 {
     struct cache_job *job;
     struct cache_entry *entry = cache_compute(server, key, &kind, &job);
     if (!job) return entry;
     struct material_contraction_job *own = (struct material_contraction_job *)job;
     own->file = file;
-    own->has_material = material != NULL;
-    if (material) own->material = *material;
+    own->media = media;
+    cache_job_hold(job, media);
     cache_job_hold(job, file);
     server->stats.materials_fixed++;
     cache_job_submit(job);
@@ -113,21 +110,20 @@ static unsigned count_lights(struct cache *cache, const char *prefix, const char
 struct cache_entry *material_contraction_get(struct model *model, uint64_t generation,
                                              struct cache_entry *file,
                                              const struct cache_entry *light,
-                                             const struct prt_material *material,
-                                             const char *material_key)
+                                             struct cache_entry *media, const char *media_key)
 {
     const struct prt_transport *t = prt_file_transport(file->value);
     struct cache *cache = model->server->cache;
     char prefix[PREFIX], key[PREFIX + 100];
     if (!contracts_material(model->server, t)) return NULL;
     snprintf(prefix, sizeof prefix, "%s/%llu/material/%s", model->key,
-             (unsigned long long)generation, material_key);
+             (unsigned long long)generation, media_key);
     // The contraction refers to this mapping of the file and holds it: its address is unique.
     snprintf(key, sizeof key, "%s/fixed/%llx", prefix,
              (unsigned long long)(uintptr_t)file->value);
     struct cache_entry *entry = cache_find(cache, key);
     if (!entry && count_lights(cache, prefix, light->key) > LIGHTS_BEFORE)
-        entry = compute(model->server, key, file, material);
+        entry = compute(model->server, key, file, media);
     if (entry && entry->state == CACHE_READY) return entry;
     cache_release(entry);
     return NULL;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Materials by their text. Those with a profile of their own are parsed on a worker and cached;
-// requests that name one wait for it.
+// Materials by their text. Those with a profile of their own are parsed on a worker and cached,
+// together with the others of their request; requests that name one wait for it.
 #include "render/shared/materials.h"
 
 #include "frame.h"
@@ -21,9 +21,34 @@ enum {
 
 struct resolved {
     int status;
+    bool preset;
     char error[300];
+    char *text; // of resolved_list
     struct prt_material material;
 };
+// The materials of one request.
+struct resolved_list {
+    size_t n;
+    struct resolved item[];
+};
+
+void material_texts_add(struct material_texts *texts, const char *text)
+{
+    if (text[0] && texts->n < MATERIAL_TEXTS) texts->text[texts->n++] = text;
+}
+
+void material_texts_of_objects(struct material_texts *texts, size_t n,
+                               Relight__ObjectMaterial *const *entry)
+{
+    for (size_t i = 0; i < n; i++) material_texts_add(texts, entry[i]->material);
+}
+
+void material_texts_of_shade(struct material_texts *texts, const Relight__Shade *shade)
+{
+    if (!shade) return;
+    material_texts_add(texts, shade->material);
+    material_texts_of_objects(texts, shade->n_materials, shade->materials);
+}
 
 static void parse(const struct prt_context *ctx, const char *text, struct resolved *out)
 {
@@ -45,12 +70,13 @@ static bool is_slow(const char *text)
            strlen(text) <= MATERIAL_BYTES;
 }
 
-static void text_key(const char *text, char key[64])
+static void texts_key(const struct material_texts *texts, char key[64])
 {
     struct relight_sha256 sha;
     char hex[65];
     relight_sha256_init(&sha);
-    relight_sha256_add(&sha, text, strlen(text));
+    for (size_t i = 0; i < texts->n; i++)
+        relight_sha256_add(&sha, texts->text[i], strlen(texts->text[i]) + 1);
     relight_sha256_hex(&sha, hex);
     snprintf(key, 64, "material/%.32s", hex);
 }
@@ -72,28 +98,35 @@ void material_key(const struct prt_material *m, char key[MATERIAL_KEY])
     snprintf(key, MATERIAL_KEY, "%.32s", hex);
 }
 
-int material_resolve(const char *text, struct prt_material *material, bool *preset,
-                     char error[300])
+static void resolve(const struct prt_context *ctx, const char *text, struct resolved *out)
 {
-    *preset = false;
     char remedy[160] = "";
     const struct prt_material *found =
         text[0] == '{' ? NULL : prt_material_preset_named(text, remedy, sizeof remedy);
+    out->status = PRT_OK;
+    out->error[0] = 0;
+    out->preset = found != NULL;
     if (found) {
-        *material = *found;
-        *preset = true;
-        return PRT_OK;
-    }
-    if (text[0] != '{' || strlen(text) > MATERIAL_BYTES) {
-        snprintf(error, 300, "material %.100s: neither a preset nor JSON text%s%s", text,
+        out->material = *found;
+    } else if (text[0] != '{' || strlen(text) > MATERIAL_BYTES) {
+        snprintf(out->error, sizeof out->error,
+                 "material %.100s: neither a preset nor JSON text%s%s", text,
                  remedy[0] ? "; " : "", remedy);
-        return PRT_ARG;
+        out->status = PRT_ARG;
+    } else {
+        parse(ctx, text, out);
     }
+}
+
+int material_resolve(const char *text, struct prt_material *material, bool *preset,
+                     char error[300])
+{
     struct prt_context ctx;
     struct resolved resolved;
     prt_context_init(&ctx);
-    parse(&ctx, text, &resolved);
+    resolve(&ctx, text, &resolved);
     *material = resolved.material;
+    *preset = resolved.preset;
     snprintf(error, 300, "%s", resolved.error);
     return resolved.status;
 }
@@ -101,55 +134,73 @@ int material_resolve(const char *text, struct prt_material *material, bool *pres
 int material_of_request(struct request *request, const char *text,
                         struct prt_material *material, bool *preset, char error[300])
 {
-    struct cache_entry *entry = request->material;
-    if (!entry) return material_resolve(text, material, preset, error);
-    const struct resolved *resolved = entry->value;
-    int status = resolved->status;
-    *preset = false;
-    *material = resolved->material;
-    snprintf(error, 300, "%s", resolved->error);
-    request->material = NULL;
-    cache_release(entry);
-    return status;
+    const struct resolved_list *list = request->materials ? request->materials->value : NULL;
+    for (size_t i = 0; list && i < list->n; i++) {
+        const struct resolved *found = &list->item[i];
+        if (strcmp(found->text, text)) continue;
+        *preset = found->preset;
+        *material = found->material;
+        snprintf(error, 300, "%s", found->error);
+        return found->status;
+    }
+    return material_resolve(text, material, preset, error);
+}
+
+void materials_used(struct request *request)
+{
+    cache_release(request->materials);
+    request->materials = NULL;
 }
 
 // ---- on a worker
 
-struct material_job {
-    struct cache_job job;
-    char *text;
-};
-
+// Its value has the texts from the start on.
 static int run_parse(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct resolved *resolved = job->value = calloc(1, sizeof *resolved);
-    if (!resolved) return PRT_NOMEM;
-    parse(ctx, ((struct material_job *)job)->text, resolved);
-    job->bytes = sizeof *resolved;
+    struct resolved_list *list = job->value;
+    for (size_t i = 0; i < list->n; i++) resolve(ctx, list->item[i].text, &list->item[i]);
     return PRT_OK; // a refused material is a result, too: its error is cached
 }
 
-static void done(struct cache_job *job)
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct cache_job), .run = run_parse, .destroy = free};
+
+// The list with its texts, which are to be resolved; NULL without memory.
+static struct resolved_list *new_list(const struct material_texts *texts, size_t *bytes)
 {
-    free(((struct material_job *)job)->text);
+    *bytes = sizeof(struct resolved_list) + texts->n * sizeof(struct resolved);
+    size_t at = *bytes;
+    for (size_t i = 0; i < texts->n; i++) *bytes += strlen(texts->text[i]) + 1;
+    struct resolved_list *list = calloc(1, *bytes);
+    if (!list) return NULL;
+    list->n = texts->n;
+    for (size_t i = 0; i < texts->n; i++) {
+        list->item[i].text = strcpy((char *)list + at, texts->text[i]);
+        at += strlen(texts->text[i]) + 1;
+    }
+    return list;
 }
 
-static const struct cache_job_kind kind = {
-    .size = sizeof(struct material_job), .run = run_parse, .destroy = free, .done = done};
-
 // With a reference for the caller.
-static struct cache_entry *resolved_get(struct server *server, const char *text)
+static struct cache_entry *resolved_get(struct server *server,
+                                        const struct material_texts *texts)
 {
     char key[64];
     struct cache_job *job;
-    text_key(text, key);
+    texts_key(texts, key);
     struct cache_entry *entry = cache_compute(server, key, &kind, &job);
     if (!job) return entry;
-    struct material_job *own = (struct material_job *)job;
-    own->text = strdup(text);
-    if (own->text) cache_job_submit(job);
+    job->value = new_list(texts, &job->bytes);
+    if (job->value) cache_job_submit(job);
     else cache_job_complete(job, PRT_NOMEM);
     return entry;
+}
+
+static bool any_slow(const struct material_texts *texts)
+{
+    for (size_t i = 0; i < texts->n; i++)
+        if (is_slow(texts->text[i])) return true;
+    return false;
 }
 
 // ---- requests that wait
@@ -170,7 +221,7 @@ struct material_wait {
 static void run_with(struct request *request, struct cache_entry *entry,
                      void (*run)(struct request *request))
 {
-    if (entry && entry->state == CACHE_READY) request->material = entry;
+    if (entry && entry->state == CACHE_READY) request->materials = entry;
     else cache_release(entry);
     run(request);
 }
@@ -247,14 +298,14 @@ void materials_drop(struct connection *conn)
     conn->waits = NULL;
 }
 
-void material_then(struct request *request, const char *text, bool views,
+void material_then(struct request *request, const struct material_texts *texts, bool views,
                    void (*run)(struct request *request))
 {
     struct connection *conn = request->conn;
     struct cache_entry *entry =
-        text && is_slow(text) ? resolved_get(request->server, text) : NULL;
+        texts && any_slow(texts) ? resolved_get(request->server, texts) : NULL;
     bool pending = entry && entry->state == CACHE_PENDING;
-    bool hash = request->payload_size >= HASHED_BYTES && text; // cubes of lights
+    bool hash = request->payload_size >= HASHED_BYTES && texts; // cubes of lights
     bool wait = pending || hash || (views && conn->waits);
     struct material_wait *w = wait ? calloc(1, sizeof *w) : NULL;
     if (!wait) {

@@ -58,10 +58,12 @@ static struct prt_query item_query(const struct pass_item *item)
         item->contracted_light ? item->contracted_light->value : NULL;
     return (struct prt_query){.term = q->term,
                               .light = item->light ? item->light->value : NULL,
-                              .media = q->has_material ? prt_media_one(&q->material)
-                                                       : (struct prt_media){0},
+                              .media = q->media ? *(const struct prt_media *)q->media->value
+                                                : (struct prt_media){0},
                               .eye = q->has_eye ? q->eye : NULL,
-                              .lit = c ? c->contracted : NULL};
+                              .lit = c ? c->contracted : NULL,
+                              .most_apart = q->most_apart,
+                              .most_rank = q->coefficients ? 0 : q->most_rank};
 }
 
 // Allocates the item's values; their size depends on the transport.
@@ -245,7 +247,7 @@ static bool unlink_item(struct pass_item **at, const struct pass_item *item)
     return true;
 }
 
-// Taken out of the next pass, or of one that waits for a worker; a running pass goes on.
+// Taken out of the next pass, or of one that waits for a worker; a running pass continues.
 static void item_unwanted(struct cache_job *job)
 {
     struct pass_item *item = (struct pass_item *)job;
@@ -313,6 +315,7 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
     struct pass_item *item = (struct pass_item *)job;
     item->query = *query;
     item->pass = pass;
+    cache_job_hold(job, query->media);
     cache_job_hold(job, item->file = file);
     cache_job_hold(job, item->light = light);
     cache_job_hold(job, item->contracted_light = contracted_light);

@@ -80,10 +80,10 @@ static int compute(struct screen_job *job, const struct prt_context *ctx,
 {
     struct shape *shape = job->shape->value;
     const struct screen_query *q = &job->query;
-    struct prt_screen_input input = {.visibility = job->visibility->value,
-                                     .media = q->has_material ? prt_media_one(&q->material)
-                                                              : *shape->media,
-                                     .cube = job->light->value};
+    struct prt_screen_input input = {
+        .visibility = job->visibility->value,
+        .media = q->media ? *(const struct prt_media *)q->media->value : *shape->media,
+        .cube = job->light->value};
     const struct prt_scene *scene;
     struct prt_screen_options options = {.frame = q->frame, .maps_checked = true};
     options.sigma_a_map = job->map[0] ? job->map[0]->value : NULL;
@@ -201,6 +201,7 @@ screen_radiance_get(struct server *server, const char *key, const struct screen_
     cache_job_hold(cache_job, shape);
     cache_job_hold(cache_job, visibility);
     cache_job_hold(cache_job, light);
+    cache_job_hold(cache_job, query->media);
     for (int k = 0; k < 3; k++) cache_job_hold(cache_job, job->map[k] = map[k]);
     enqueue(job->slot, job);
     return entry;

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: MIT
+// Requests that name an upload or a model that is not here: they wait until it has come from
+// the folder that replicas share, or is not there either, and then run as always.
+#include "ops/shared_models.h"
+
+#include "net/request_wait.h"
+#include "relight.pb-c.h"
+#include "store/models.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST_BLOBS = 96, DEPTH = 8 };
+
+struct shared_blob {
+    struct blob_waiter waiter; // first
+    struct shared_wait *wait;
+};
+
+// A request held back.
+struct shared_wait {
+    struct request_wait wait; // first
+    struct shared_model_waiter model;
+    struct shared_wait *next; // of its connection, where `ordered`
+    struct connection *conn;  // NULL: not ordered, or closed
+    unsigned pending;
+    bool ready;
+    void (*run)(struct request *request);
+    size_t n_blob;
+    struct shared_blob blob[];
+};
+
+struct needs {
+    struct server *server;
+    const char *asker, *model; // model: NULL: none is missing
+    size_t n_blob;
+    const char *blob[MOST_BLOBS];
+};
+
+// ---- what a message names
+
+static void need_blob(struct needs *needs, const char *hash)
+{
+    if (!strncmp(hash, "env:", 4)) hash += 4;
+    if (!relight_hash_valid(hash) || blobs_has(needs->server->blobs, hash)) return;
+    for (size_t i = 0; i < needs->n_blob; i++)
+        if (!strcmp(needs->blob[i], hash)) return;
+    if (needs->n_blob < MOST_BLOBS) needs->blob[needs->n_blob++] = hash;
+}
+
+static void need_model(struct needs *needs, const char *name)
+{
+    char error[256];
+    if (!name[0] || needs->model ||
+        strlen(name) >= sizeof((struct shared_model_waiter *)0)->name)
+        return;
+    if (!models_find(needs->server->models, needs->asker, name, error)) needs->model = name;
+}
+
+static void need_text(struct needs *needs, const char *field, const char *text)
+{
+    static const char *const blobs[] = {"env",        "blob",       "hash",    "image",
+                                        "albedo_map", "normal_map", "bump_map"};
+    if (!text) return;
+    for (size_t i = 0; i < sizeof blobs / sizeof *blobs; i++)
+        if (!strcmp(field, blobs[i])) need_blob(needs, text);
+    bool id = strlen(text) == MODEL_ID && strspn(text, "0123456789abcdef") == MODEL_ID;
+    if (!strcmp(field, "model") || (!strcmp(field, "job") && id)) need_model(needs, text);
+}
+
+static void walk(struct needs *needs, const ProtobufCMessage *message, int depth)
+{
+    const char *base = (const char *)message;
+    for (unsigned i = 0; depth && i < message->descriptor->n_fields; i++) {
+        const ProtobufCFieldDescriptor *f = &message->descriptor->fields[i];
+        bool text = f->type == PROTOBUF_C_TYPE_STRING;
+        if (!text && f->type != PROTOBUF_C_TYPE_MESSAGE) continue;
+        if (f->flags & PROTOBUF_C_FIELD_FLAG_ONEOF &&
+            *(const uint32_t *)(base + f->quantifier_offset) != f->id)
+            continue;
+        bool many = f->label == PROTOBUF_C_LABEL_REPEATED;
+        size_t n = many ? *(const size_t *)(base + f->quantifier_offset) : 1;
+        const void *const *item = (const void *const *)(base + f->offset);
+        if (many) item = *(const void *const *const *)item;
+        for (size_t k = 0; k < n; k++) {
+            if (text) need_text(needs, f->name, item[k]);
+            else if (item[k]) walk(needs, item[k], depth - 1);
+        }
+    }
+}
+
+// ---- waiting
+
+static void finish(struct shared_wait *w)
+{
+    struct request *request = request_resume(&w->wait);
+    void (*run)(struct request *) = w->run;
+    free(w);
+    if (request) run(request);
+}
+
+static void run_ready(struct connection *conn)
+{
+    while (!conn->dead && conn->fetches && conn->fetches->ready) {
+        struct shared_wait *w = conn->fetches;
+        conn->fetches = w->next;
+        finish(w);
+    }
+}
+
+static void one_came(struct shared_wait *w)
+{
+    if (--w->pending) return;
+    w->ready = true;
+    if (w->conn) run_ready(w->conn);
+    else finish(w);
+}
+
+static void blob_came(struct blob_waiter *waiter)
+{
+    one_came(((struct shared_blob *)waiter)->wait);
+}
+
+static void model_came(struct shared_model_waiter *waiter)
+{
+    one_came((struct shared_wait *)((char *)waiter - offsetof(struct shared_wait, model)));
+}
+
+void shared_fetch_drop(struct connection *conn)
+{
+    for (struct shared_wait *w = conn->fetches, *next; w; w = next) {
+        next = w->next;
+        w->conn = NULL;
+        w->wait.request = NULL;
+        if (w->ready) finish(w);
+    }
+    conn->fetches = NULL;
+}
+
+static void hold_back(struct request *request, const struct needs *needs, bool ordered,
+                      struct shared_wait *w)
+{
+    struct server *server = request->server;
+    struct connection *conn = request->conn;
+    struct shared_wait **last = &conn->fetches;
+    request_park(request, &w->wait);
+    if (ordered) {
+        w->conn = conn;
+        while (*last) last = &(*last)->next;
+        *last = w;
+    }
+    w->pending = 1; // none ends before all have begun
+    for (size_t i = 0; i < needs->n_blob; i++) {
+        w->blob[i] = (struct shared_blob){.waiter.wake = blob_came, .wait = w};
+        w->pending++;
+        blobs_fetch(server->blobs, needs->blob[i], &w->blob[i].waiter);
+    }
+    if (needs->model) {
+        strcpy(w->model.name, needs->model);
+        snprintf(w->model.asker, sizeof w->model.asker, "%s", needs->asker);
+        w->model.wake = model_came;
+        w->pending++;
+        shared_models_wait(server->shared_models, &w->model);
+    }
+    one_came(w);
+}
+
+void shared_fetch_then(struct request *request, bool ordered,
+                       void (*run)(struct request *request))
+{
+    struct needs needs = {.server = request->server, .asker = request->conn->principal->name};
+    bool chunk = request->type == RELIGHT_TYPE_PUT_BLOB && request->payload_size;
+    if (!chunk) walk(&needs, request->message, DEPTH);
+    bool wait = needs.n_blob || needs.model || (ordered && request->conn->fetches);
+    struct shared_wait *w = wait ? calloc(1, sizeof *w + needs.n_blob * sizeof *w->blob) : NULL;
+    if (!w) { // without memory the operation says what is missing
+        run(request);
+        return;
+    }
+    w->run = run;
+    hold_back(request, &needs, ordered, w);
+}

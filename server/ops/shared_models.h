@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: MIT */
+/* shared_models.h owns what this replica knows of the models of the others (--store DIR):
+ *
+ *     every --store-poll seconds -> a worker lists DIR/records and reads those that changed
+ *       a bake that is ready     -> a model here, whose file is fetched when somebody asks for
+ * it a model without a bake   -> remembered; its LOAD is repeated here when somebody asks for
+ * it one whose replica died   -> its LOAD is repeated here: the bake goes on a record that is
+ * gone    -> the model was unloaded by somebody and goes here, too
+ *
+ * shared_fetch.c holds requests back that name what is not here. Loop thread only. */
+#ifndef RELIGHTD_SHARED_MODELS_H
+#define RELIGHTD_SHARED_MODELS_H
+
+#include "net/request.h"
+
+/* After models_start. 0 or an enum prt_status; does nothing with one machine. */
+int shared_models_create(struct server *server, struct shared_models **out);
+/* After the last connection. */
+void shared_models_destroy(struct shared_models *shared);
+
+/* Waits for a model of another replica. `wake` is called, later, when a look at the folder has
+ * ended that began after this, and the LOAD that it caused was answered. */
+struct shared_model_waiter {
+    struct shared_model_waiter *next;
+    char name[128];   /* id, beginning of one, or name */
+    char asker[96];   /* principal */
+    uint64_t look;    /* private */
+    char loading[40]; /* private: id of the LOAD waited for */
+    void (*wake)(struct shared_model_waiter *waiter);
+};
+void shared_models_wait(struct shared_models *shared, struct shared_model_waiter *waiter);
+
+/* shared_fetch.c: server->fetch_then. */
+void shared_fetch_then(struct request *request, bool ordered,
+                       void (*run)(struct request *request));
+/* The connection closes: its requests wait no longer. */
+void shared_fetch_drop(struct connection *conn);
+
+#endif

@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT */
+/* object_store_private.h owns what the files of the shared folder have in common. */
+#ifndef RELIGHTD_OBJECT_STORE_PRIVATE_H
+#define RELIGHTD_OBJECT_STORE_PRIVATE_H
+
+#include "store/object_store.h"
+
+#include <limits.h>
+#include <stdatomic.h>
+
+struct object_store {
+    char folder[3800]; /* absolute; "": one machine */
+    char owner[96];    /* HOST-PID-DIGITS: no other process has it */
+    _Atomic uint64_t last_temporary, last_count; /* of names; of texts of claims */
+};
+
+/* A name in the folder that no other process chooses. */
+void object_temporary(struct object_store *store, char path[PATH_MAX]);
+/* Syncs the folder that has this file. */
+int object_sync_folder(const char *path);
+
+#endif
