@@ -155,7 +155,8 @@ static bool open_text(struct zip_writer *zip, struct text_file *file)
     return file->stream;
 }
 
-// The scene of the pin's revision goes with it, so that the room that imports it is complete.
+// The scene of the pin's revision is exported, too, so that the room that imports it is
+// complete.
 static cJSON *pin_record(const cJSON *state, const cJSON *pin)
 {
     cJSON *record = cJSON_CreateObject();

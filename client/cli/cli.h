@@ -22,7 +22,9 @@ struct options {
     float rotate_deg[MAX_WORDS], gain[MAX_WORDS][3];
     size_t n_env, n_rotate, n_gain;
     struct relight_shade shade;
-    char *material;     /* text of shade.material, owned */
+    char *material; /* text of shade.material, owned */
+    struct relight_object_material materials[RELIGHT_MAX_MATERIAL]; /* by object, owned */
+    size_t n_material;
     const char *map[3]; /* files of albedo, normals, heights; their uploads */
     char map_hash[3][65];
     enum relight_color_format format;
@@ -34,9 +36,11 @@ struct options {
     uint32_t first;
     struct relight_token_order token_order;
     const char *scopes;
+    const char *animation, *pose;
+    float animation_time;
     const char *words[MAX_WORDS]; /* arguments after the target */
     unsigned n_word;
-    const char *as, *role, *at, *model; /* of rooms */
+    const char *as, *role, *at, *model, *layout; /* of rooms */
     uint32_t revision, decision;
     bool wait, files, remote, forget, own_units, follow;
 };
@@ -52,6 +56,8 @@ extern const struct command commands[]; /* ends with name NULL */
 /* options.c: parses argv; exits with EXIT_USAGE on wrong usage. */
 const struct command *options_parse(int argc, char **argv, struct options *options);
 void options_finish(struct options *options);
+/* Materials in files of other programs become JSON by the daemon. An exit status. */
+int options_materials(struct relight_client *client, struct options *options);
 
 /* report.c */
 /* Prints an error and returns the exit status it calls for. */
@@ -110,6 +116,7 @@ int run_image(struct relight_client *client, struct options *options);
 int run_edit(struct relight_client *client, struct options *options);
 int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);
+int run_pose(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
 int run_room(struct relight_client *client, struct options *options);
 int run_token(struct relight_client *client, struct options *options);

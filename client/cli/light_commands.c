@@ -77,6 +77,7 @@ static void add_cost(cJSON *json, const struct relight_cost *cost)
     add_float(json, "error_bound", cost->error_bound);
     if (*cost->note) cJSON_AddStringToObject(json, "note", cost->note);
     if (cost->samples) cJSON_AddNumberToObject(json, "samples", cost->samples);
+    if (cost->draft) add_float(json, "bake_fraction", cost->bake_fraction);
     cJSON *ms = cJSON_AddObjectToObject(json, "milliseconds");
     add_float(ms, "queue", cost->queue_ms);
     add_float(ms, "light", cost->light_ms);
@@ -195,6 +196,7 @@ int run_image(struct relight_client *client, struct options *o)
                                             .lights = lights,
                                             .shade = o->shade,
                                             .picture = o->picture,
+                                            .pose = o->pose,
                                             .priority = o->priority};
     if (relight_image(client, &request, &image, &error)) return report_error(o, &error);
     const bool terminal = is_terminal_path(o->output);
@@ -225,7 +227,7 @@ int run_image(struct relight_client *client, struct options *o)
 
 int run_edit(struct relight_client *client, struct options *o)
 {
-    if (!o->material) return report_usage(o, "--material is missing");
+    if (!o->material && !o->n_material) return report_usage(o, "--material is missing");
     bool vertices = prt_vertex_format_of(o->output) != PRT_VERTEX_NONE;
     if (!vertices && !picture_format(o->output, &o->picture.format))
         return picture_usage(o, ".csv, .npy, .ply, .glb, ");

@@ -19,7 +19,8 @@ int main(int argc, char **argv)
     if (relight_connect(options.server, &how, &client, &error)) {
         status = report_error(&options, &error);
     } else {
-        status = command->run(client, &options);
+        status = options_materials(client, &options);
+        if (!status) status = command->run(client, &options);
         relight_close(client);
     }
     progress_clear();

@@ -69,6 +69,7 @@ static cJSON *model_json(const struct relight_model *m)
     cJSON_AddBoolToObject(json, "pinned", m->pinned);
     add_float(json, "error_bound", m->error_bound);
     cJSON_AddBoolToObject(json, "stale", m->stale);
+    cJSON_AddBoolToObject(json, "draft", m->draft);
     return json;
 }
 
@@ -124,18 +125,32 @@ int run_models(struct relight_client *client, struct options *options)
     return EXIT_DONE;
 }
 
-static void print_block(const struct relight_block *b)
-{
-    printf("  block: object %u, %u vertices, %u triangles, %s %s\n", b->object, b->n_vertex,
-           b->n_triangle, b->translucent ? "translucent" : "opaque", escape(b->surface).text);
-}
-
 static void print_line(const char *label, const char *text)
 {
     if (!*text) return;
     printf("  %s: ", label);
     print_text(stdout, text);
     putchar('\n');
+}
+
+static void print_block(const struct relight_block *b, bool several)
+{
+    printf("  block: object %u, %u vertices, %u triangles, %s %s", b->object, b->n_vertex,
+           b->n_triangle, b->translucent ? "translucent" : "opaque", escape(b->surface).text);
+    if (*b->node) printf(" of node %s", escape(b->node).text);
+    if (several && b->translucent) printf(", material %u", b->medium);
+    putchar('\n');
+}
+
+// The material of a model of one; those of one with several, numbered as its blocks name them.
+static void print_media(const struct relight_model *m)
+{
+    char label[32];
+    if (m->n_medium < 2) print_line("material", m->material);
+    for (size_t i = 0; m->n_medium > 1 && i < m->n_medium; i++) {
+        snprintf(label, sizeof label, "material %zu", i);
+        print_line(label, m->medium[i]);
+    }
 }
 
 static void add_cameras(cJSON *json, const struct relight_model *m)
@@ -161,6 +176,11 @@ int run_info(struct relight_client *client, struct options *options)
     if (options->json) {
         cJSON *json = model_json(&m);
         add_text(json, "material", m.material);
+        cJSON *media = cJSON_AddArrayToObject(json, "media");
+        for (size_t i = 0; i < m.n_medium; i++) {
+            cJSON *medium = cJSON_Parse(m.medium[i]);
+            cJSON_AddItemToArray(media, medium ? medium : cJSON_CreateNull());
+        }
         add_text(json, "settings", m.settings);
         add_text(json, "errors", m.errors);
         cJSON *warnings = cJSON_AddArrayToObject(json, "warnings");
@@ -172,7 +192,9 @@ int run_info(struct relight_client *client, struct options *options)
             cJSON *block = cJSON_CreateObject();
             cJSON_AddNumberToObject(block, "object", b->object);
             cJSON_AddStringToObject(block, "surface", b->surface);
+            if (*b->node) cJSON_AddStringToObject(block, "node", b->node);
             cJSON_AddBoolToObject(block, "translucent", b->translucent);
+            if (b->translucent) cJSON_AddNumberToObject(block, "medium", b->medium);
             cJSON_AddNumberToObject(block, "vertex_begin", b->vertex_begin);
             cJSON_AddNumberToObject(block, "n_vertex", b->n_vertex);
             cJSON_AddNumberToObject(block, "triangle_begin", b->triangle_begin);
@@ -185,7 +207,8 @@ int run_info(struct relight_client *client, struct options *options)
         printf("%s  %s\n  state: %s", escape(m.id).text, escape(m.name).text,
                relight_model_state_name(m.state));
         if (m.state == RELIGHT_MODEL_BAKING)
-            printf(" (%.0f %%, job %s)", 100 * m.fraction, escape(m.job).text);
+            printf(" (%.0f %%, job %s%s)", 100 * m.fraction, escape(m.job).text,
+                   m.draft ? "; a draft answers" : "");
         if (*m.failure) printf(": %s", escape(m.failure).text);
         if (m.stale) printf(", stale: vertices moved since the bake");
         printf("\n  geometry: %u vertices, %u triangles, %u objects, %.6g mm a unit, "
@@ -201,10 +224,10 @@ int run_info(struct relight_client *client, struct options *options)
                 (double)m.resident_bytes * 1e-6);
         if (m.error_bound > 0)
             printf("  measured relative RMSE: %.3g %%\n", 100 * m.error_bound);
-        print_line("material", m.material);
+        print_media(&m);
         print_line("settings", m.settings);
         print_line("errors", m.errors);
-        for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i);
+        for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i, m.n_medium > 1);
         for (size_t i = 0; i < m.n_camera; i++) print_line("camera", m.camera[i].name);
         for (size_t i = 0; i < m.n_warning; i++) print_line("warning", m.warning[i]);
     }
@@ -348,6 +371,28 @@ int run_update(struct relight_client *client, struct options *options)
         print_json(json);
     } else {
         printf("%u vertices, generation %llu\n", n, (unsigned long long)generation);
+    }
+    return EXIT_DONE;
+}
+
+int run_pose(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    char pose[65];
+    if (options->n_word != 1)
+        return report_usage(options,
+                            "FILE is missing: the glTF that the model was loaded from");
+    if (!options->animation) return report_usage(options, "--animation is missing");
+    if (relight_put_animation(client, options->target, options->words[0], options->animation,
+                              (double)options->animation_time, options->load.up_z, pose,
+                              &error))
+        return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "pose", pose);
+        print_json(json);
+    } else {
+        puts(pose);
     }
     return EXIT_DONE;
 }

@@ -25,6 +25,8 @@ enum kind {
     SPECIAL,
 };
 
+enum { FOREIGN = 1 }; // before a material's path
+
 static const char *const terms[] = {"total", "irradiance", "multiple", "single", NULL};
 static const char *const engines[] = {"default", "reference", "wavelet", "polynomial", "joint",
                                       "splat",   "tangent",   "texture", "hybrid",     NULL};
@@ -35,6 +37,7 @@ static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL}
 static const char *const axes[] = {"y", "z", NULL};
 static const char *const priorities[] = {"interactive", "still", "bulk", NULL};
 static const char *const storages[] = {"factored", "sparse", NULL};
+static const char *const scatterings[] = {"dipole", "walk", NULL};
 static const char *const sample_counts[] = {"1", "2", "4", "8", NULL}; // of a pixel
 
 // The words are in the order of the enums.
@@ -44,6 +47,7 @@ _Static_assert(RELIGHT_COLOR_F32 == 0 && RELIGHT_COLOR_SRGB8 == 3, "formats of c
 _Static_assert(RELIGHT_TONE_NONE == 2, "tones");
 _Static_assert(RELIGHT_TRANSPORT_WAVELET == 1 && RELIGHT_TRANSPORT_JOINT == 3, "transports");
 _Static_assert(RELIGHT_PRIORITY_INTERACTIVE == 1 && RELIGHT_PRIORITY_BULK == 3, "priorities");
+_Static_assert(RELIGHT_SCATTERING_DIPOLE == 1 && RELIGHT_SCATTERING_WALK == 2, "scattering");
 _Static_assert(RELIGHT_STORAGE_FACTORED == 1 && RELIGHT_STORAGE_SPARSE == 2, "storages");
 
 #define AT(member) offsetof(struct options, member)
@@ -86,8 +90,10 @@ static const struct row {
      "irradiance, multiple, single or total (default)"},
     {'E', "eye", "X,Y,Z", SPECIAL, 0, 0, 0, NULL, 0,
      "viewpoint of view-dependent terms, in the model's units"},
-    {'m', "material", "NAME|FILE", SPECIAL, 0, 0, 0, NULL, 0,
-     "a preset's name, a JSON file or JSON text"},
+    {'m', "material", "[OBJECT=]NAME|FILE", SPECIAL, 0, 0, 0, NULL, 0,
+     "a preset's name, JSON text, a JSON file, or FILE or FILE#NAME of another program (MaterialX, "
+     "Principled, pbrt), which the daemon converts; with OBJECT=, which may repeat, of this glTF "
+     "material or node, else of all others"},
     {'g', "engine", "ENGINE", WORD, AT(shade.engine), 0, 0, engines, 0,
      "reference, wavelet, polynomial, joint, splat, tangent, texture or hybrid (default: the "
      "transport of the bake)"},
@@ -125,6 +131,8 @@ static const struct row {
      "filmic (default), reinhard or none"},
     {'x', "exposure", "STOPS", REAL, AT(picture.exposure_ev), -40, 40, NULL, 0,
      "brighten by a factor 2^STOPS"},
+    {10, "floor", NULL, FLAG, AT(picture.floor), 0, 0, NULL, 0,
+     "draw the shadow of the model on a plane under it; with --background transparent as alpha"},
     {'B', "background", "R,G,B|transparent", SPECIAL, 0, 0, 0, NULL, 0,
      "plain background in place of the environment, or none: alpha in PNG (straight colours) and "
      "EXR (premultiplied)"},
@@ -142,7 +150,13 @@ static const struct row {
      RELIGHT_TRANSPORT_WAVELET, "wavelet, polynomial or joint"},
     {'R', "storage", "KIND", WORD, AT(load.bake.storage), 0, 0, storages,
      RELIGHT_STORAGE_FACTORED, "factored (default) or sparse"},
+    {'Q', "scattering", "KIND", WORD, AT(load.bake.scattering), 0, 0, scatterings,
+     RELIGHT_SCATTERING_DIPOLE,
+     "multiple scattering of a wavelet bake: dipole (default), or walk, random walks inside the "
+     "model"},
     // The daemon checks the ranges of a bake's settings.
+    {'L', "walks", "N", WHOLE, AT(load.bake.walks), 1, UINT32_MAX, NULL, 0,
+     "with --scattering walk: walks a vertex and channel (default: by vertices)"},
     {'N', "samples", "N", WHOLE, AT(load.bake.samples), 1, UINT32_MAX, NULL, 0,
      "irradiance samples on the surface"},
     {'C', "cube", "N", WHOLE, AT(load.bake.cube), 1, UINT32_MAX, NULL, 0,
@@ -164,6 +178,8 @@ static const struct row {
      "MODEL is a path in the daemon's models folder"},
     {'V', "preview", NULL, FLAG, AT(load.preview), 0, 0, NULL, 0,
      "order no bake: image-space engines answer"},
+    {'\177', "no-draft", NULL, FLAG, AT(load.no_draft), 0, 0, NULL, 0,
+     "no draft before the bake: it is ready some seconds sooner"},
     {'i', "positions", "FILE", TEXT, AT(positions), 0, 0, NULL, 0,
      "a .npy [n][3]: new positions of the vertices"},
     {'v', "normals", "FILE", TEXT, AT(normals), 0, 0, NULL, 0,
@@ -212,8 +228,20 @@ static const struct row {
      "show: the picture of this revision"},
     {26, "decision", "N", WHOLE, AT(decision), 1, UINT32_MAX, NULL, 0,
      "show: the picture that this decision was about"},
+    {13, "layout", "LAYOUT", TEXT, AT(layout), 0, 0, NULL, 0,
+     "compare: side (both beside each other), wipe (the left half of one, the right half of the "
+     "other), delta (differences, black 0 to white 10), or sheet (default: all of them)"},
     {28, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
      "invite: for this time, such as 30d, 12h, 90m or 3600s (default: until it is revoked)"},
+    {9, "variant", "NAME", TEXT, AT(load.variant), 0, 0, NULL, 0,
+     "materials of this variant of the glTF (prt info lists them)"},
+    {29, "animation", "NAME", TEXT, AT(animation), 0, 0, NULL, 0,
+     "an animation of the glTF by its name or the unique beginning of it (prt info lists them)"},
+    {31, "time", "S", REAL, AT(animation_time), 0, 1e9, NULL, 0,
+     "moment of the animation in seconds (default 0)"},
+    {27, "pose", "HASH", TEXT, AT(pose), 0, 0, NULL, 0,
+     "vertices that relight pose put there, in place of the model's; image-space engines draw "
+     "them"},
     {'u', "own-units", NULL, FLAG, AT(own_units), 0, 0, NULL, 0,
      "positions in the model's units (default: mm)"},
 };
@@ -221,7 +249,7 @@ enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj\23"
 #define LIGHT "erGtEgXbm\27"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
-#define PICTURE "cz\21qnxBaSYyJW"
+#define PICTURE "cz\21qnxB\12aSYyJW\33"
 
 const struct command commands[] = {
     {"ping", "",
@@ -237,13 +265,15 @@ const struct command commands[] = {
      "MODEL is a local .glb, .gltf, .obj, .ply or .stl file, which is uploaded unless the daemon has it, "
      "or a path in the daemon's models folder, which may also name a .prt. Prints the model's id and "
      "the bake's job.\n\n"
-     "Image-space engines draw the model until the bake is ready; with --preview there is no "
-     "bake.\n\n"
+     "Image-space engines draw the model first. After some seconds a draft answers, with an error of "
+     "some 3 % and without single scattering, and then the bake. With --no-draft there is no draft, "
+     "with --preview no bake.\n\n"
      "Examples:\n  relight load bunny.obj --size-mm 50 --material marble --wait\n"
      "  relight load baked.prt --remote --name rabbit\n"
+     "  relight load leaf.glb --size-mm 60 --material skin1 --scattering walk\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
-     "  relight load draft.glb --material marble --preview",
-     COMMON "DUm\22PRNCKAHdXOMpwZerV", true, run_load},
+     "  relight load sketch.glb --material marble --preview",
+     COMMON "DUm\22\11PRQLNCKAHdXOMpwZerV\177", true, run_load},
     {"info", "ID",
      "Prints a model's geometry, bake and measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json",
@@ -306,6 +336,14 @@ const struct command commands[] = {
      "Example:\n  relight geometry bunny --own-units -o p.npy\n"
      "  relight update-vertices bunny --own-units --positions moved.npy",
      COMMON "iIuv", true, run_update},
+    {"pose", "ID FILE",
+     "Makes a pose of a moment of an animation; prints its name for --pose.\v"
+     "FILE is the glTF that the model was loaded from; it is uploaded unless the daemon has it. "
+     "Nodes, skins and morph targets move. The pose is named by its vertices and changes nothing "
+     "for other clients; the daemon may drop one that nobody uses.\n\n"
+     "Example:\n  relight pose walker walker.glb --animation walk --time 0.4\n"
+     "  relight image walker --env studio.exr --pose HASH -o walker.png",
+     COMMON "\35\37\22", true, run_pose},
     {"unload", "ID",
      "Frees a model's memory; keeps its bake without --forget.\v"
      "Example:\n  relight unload bunny",
@@ -332,17 +370,22 @@ const struct command commands[] = {
      "  approve ROOM [NOTE], reject ROOM [NOTE]\n"
      "  member ROOM PRINCIPAL --role R, invite ROOM [NAME] --role R --expires T,\n"
      "  revoke ROOM INVITATION, rename ROOM NAME, close ROOM, open ROOM\n"
+     "  anchors ROOM (where the pins lie on the model that the room shows now),\n"
+     "  act ROOM JSON (a RoomAction of relight.proto, such as a stroke)\n"
+     "  compare ROOM [REVISION [REVISION]] [-o FILE.png]\n"
      "  export ROOM -o FOLDER, import ROOM FILE.bcf, backup -o FILE\n\n"
      "show with -o FILE.png draws the scene, or what the author of a pin (PIN), of a --decision or "
      "of a --revision saw. export writes the room as JSON with pictures, decisions as CSV, pins as "
-     "BCF 2.1, and the approved material.\n\n"
+     "BCF 2.1, and the approved material. compare prints the CIEDE2000 of two revisions' pictures, of "
+     "a revision and the scene now, or of the newest decision and the scene now.\n\n"
      "Examples:\n  relight room create 'Bunny in jade' --model bunny --env studio.exr --material jade\n"
      "  relight room invite 'Bunny in jade' Ann --role reviewer --expires 7d\n"
      "  relight room pin 'Bunny in jade' 'too red, @Bob' --at 0,1204,0.3,0.2\n"
      "  relight room show 'Bunny in jade' 12 -o pin.png\n"
      "  relight room approve 'Bunny in jade' 'as agreed'\n"
+     "  relight room compare 'Bunny in jade' 7 9 -o changed.png\n"
      "  relight room export 'Bunny in jade' -o review",
-     COMMON LIGHT "cz\21xnBaSo\24\25\26\30\31\32\34", true, run_room},
+     COMMON LIGHT "cz\21xnBaSo\24\25\26\30\31\32\34\15", true, run_room},
     {"sign", "PATH",
      "Signs a link to a picture: whoever has it sees that picture, until it expires.\v"
      "PATH is the path and query of a picture over HTTP. Prints the path to put behind the address "
@@ -406,40 +449,77 @@ static int word(struct argp_state *state, const struct row *row, const char *tex
     return 0;
 }
 
-// The JSON text of a material's file; malloc()ed.
+// The text of a material's file; malloc()ed. NULL: it is another program's.
 static char *material_file(struct argp_state *state, const char *path, FILE *file)
 {
     enum { MAX = 1 << 16 };
     char *bytes = malloc(MAX + 1);
     size_t n = bytes ? fread(bytes, 1, MAX + 1, file) : 0;
-    if (!n || n > MAX || ferror(file) || strnlen(bytes, n) != n)
-        argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON (1 to 65536 bytes)",
-                     path);
+    if (!n || ferror(file)) argp_failure(state, EXIT_FAILED, 0, "%s: cannot be read", path);
     bytes[n < MAX ? n : MAX] = 0;
     // The daemon recognises JSON text by its first character.
     char *text = bytes + strspn(bytes, " \t\r\n");
-    if (*text != '{')
+    const char *dot = strrchr(path, '.');
+    if (*text != '{' && dot && !strcmp(dot, ".json"))
         argp_failure(state, EXIT_FAILED, 0,
-                     "%s: is not a material's JSON; prt material %s -o OUT.json converts "
-                     "MaterialX, Principled and pbrt files",
-                     path, path);
-    text = strdup(text);
+                     "%s: is not a material's JSON: it does not begin with {", path);
+    bool own =
+        *text == '{' && (strstr(text, "\"sigma_s_prime\"") || strstr(text, "\"profile\""));
+    if (own && (n > MAX || strnlen(bytes, n) != n))
+        argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON (1 to 65536 bytes)",
+                     path);
+    text = own ? strdup(text) : NULL;
+    if (own && !text) argp_failure(state, EXIT_FAILED, 0, "not enough memory");
     free(bytes);
     return text;
 }
 
-// A preset's name and JSON text are sent as they are; of a file, the contents are sent.
-static void material(struct argp_state *state, struct options *o, const char *text)
+// A preset's name and JSON text are sent as they are; of a file, the contents are sent. FOREIGN
+// stands before the path of another program's file, which the daemon converts.
+static char *material_text(struct argp_state *state, const char *text)
 {
     FILE *file = *text == '{' ? NULL : fopen(text, "re");
-    const char *dot = strrchr(text, '.');
-    if (!file && dot && !strcmp(dot, ".json"))
+    const char *dot = strrchr(text, '.'), *hash = strrchr(text, '#');
+    char path[4096], *own = NULL;
+    bool foreign = false;
+    if (!file && hash && (size_t)(hash - text) < sizeof path) { // FILE#NAME
+        snprintf(path, sizeof path, "%.*s", (int)(hash - text), text);
+        foreign = *text != '{' && !access(path, R_OK);
+    }
+    if (!file && !foreign && dot && (!strcmp(dot, ".json") || !strcmp(dot, ".mtlx")))
         argp_failure(state, EXIT_FAILED, errno, "%s", text);
-    free(o->material);
-    o->material = file ? material_file(state, text, file) : strdup(text);
+    if (file) own = material_file(state, text, file);
+    foreign |= file && !own;
     if (file) fclose(file);
-    if (!o->material) argp_failure(state, EXIT_FAILED, 0, "not enough memory");
-    o->shade.material = o->load.material = o->material;
+    if (!foreign && !own) own = strdup(text);
+    if (foreign && asprintf(&own, "%c%s", FOREIGN, text) < 0) own = NULL;
+    if (!own) argp_failure(state, EXIT_FAILED, 0, "not enough memory");
+    return own;
+}
+
+// "OBJECT=" ends before the first '{' or '/', as for prt.
+static void material(struct argp_state *state, struct options *o, const char *text)
+{
+    size_t n = strcspn(text, "={/");
+    struct relight_object_material *own = &o->materials[o->n_material];
+    if (text[n] != '=' || !n) {
+        if (o->material)
+            argp_error(state,
+                       "two --material are for all objects: name the object of one, "
+                       "--material OBJECT=%s",
+                       text);
+        o->material = material_text(state, text);
+        o->shade.material = o->load.material = o->material;
+        return;
+    }
+    if (o->n_material == RELIGHT_MAX_MATERIAL)
+        argp_error(state, "--material: at most %d objects", RELIGHT_MAX_MATERIAL);
+    own->object = strndup(text, n);
+    if (!own->object) argp_failure(state, EXIT_FAILED, 0, "not enough memory");
+    own->material = material_text(state, text + n + 1);
+    o->n_material++;
+    o->shade.n_material = o->load.n_material = o->n_material;
+    o->shade.materials = o->load.materials = o->materials;
 }
 
 // Arguments of a process are visible to other users: the token is copied and overwritten.
@@ -641,8 +721,8 @@ static error_t parse_command(int key, char *arg, struct argp_state *state)
     if (key == ARGP_KEY_ARG) {
         struct options *o = input->options;
         const char *args = input->command->args;
-        // "[NAME]": one word more; "[ARGUMENT...]": several.
-        unsigned most = strstr(args, "...]") ? MAX_WORDS : strchr(args, '[') ? 1 : 0;
+        // "[NAME]" or "ID FILE": one word more; "[ARGUMENT...]": several.
+        unsigned most = strstr(args, "...]") ? MAX_WORDS : strchr(args, ' ') ? 1 : 0;
         if (!input->command->has_target || (o->target && o->n_word >= most))
             argp_error(state, "one argument too many: %s", arg);
         if (o->target) {
@@ -738,8 +818,44 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
     return input.command;
 }
 
+// The JSON text of a file that the daemon converts, in place of its path.
+static int convert(struct relight_client *client, const struct options *o, char **text)
+{
+    struct relight_error error;
+    struct relight_medium medium;
+    if (!*text || **text != FOREIGN) return EXIT_DONE;
+    char *path = *text + 1, *hash = access(path, R_OK) ? strrchr(path, '#') : NULL;
+    if (hash) *hash = 0;
+    int status = relight_material_file(client, path, hash ? hash + 1 : NULL, &medium, &error);
+    if (status) return report_error(o, &error);
+    for (size_t i = 0; i < medium.n_warning; i++)
+        fprintf(stderr, "relight: %s\n", escape(medium.warning[i]).text);
+    char *json = strdup(medium.json);
+    relight_medium_finish(&medium);
+    if (!json) return EXIT_FAILED;
+    free(*text);
+    *text = json;
+    return EXIT_DONE;
+}
+
+int options_materials(struct relight_client *client, struct options *o)
+{
+    int status = convert(client, o, &o->material);
+    o->shade.material = o->load.material = o->material;
+    for (size_t i = 0; i < o->n_material && !status; i++) {
+        char *text = (char *)(uintptr_t)o->materials[i].material;
+        status = convert(client, o, &text);
+        o->materials[i].material = text;
+    }
+    return status;
+}
+
 void options_finish(struct options *options)
 {
     free(options->material);
+    for (size_t i = 0; i < options->n_material; i++) {
+        free((char *)(uintptr_t)options->materials[i].object);
+        free((char *)(uintptr_t)options->materials[i].material);
+    }
     free(options->own_token);
 }

@@ -19,6 +19,8 @@ struct room_call {
 int room_failed(struct room_call *c); /* reports c->error */
 int room_list(struct room_call *c);
 int room_show(struct room_call *c);
+int room_compare(struct room_call *c);
+int room_anchors(struct room_call *c);
 int room_log(struct room_call *c);
 int room_watch(struct room_call *c);
 int room_export(struct room_call *c);
@@ -51,6 +53,16 @@ bool whole_word(const char *word, uint64_t *out);
 
 /* room_material.c: the approved material for other programs, into the folder of -o. */
 int export_material(struct room_call *c, const cJSON *state);
+
+/* room_show.c: number of the revision that the scene is now; 0: it was not saved. */
+unsigned room_revision_now(const cJSON *state);
+
+/* room_compare.c: a decision's picture against the scene now, as a sheet in a PNG file; prints
+ * the numbers. */
+int room_write_change(struct room_call *c, uint64_t decision, const char *path);
+
+/* room_strokes.c: a pin's picture with its strokes, in a PNG file; without strokes nothing. */
+int room_write_strokes(struct room_call *c, const cJSON *state, double pin, const char *path);
 
 /* bcf.c: pins as a BCF 2.1 file, and back. */
 int bcf_write(struct room_call *c, const cJSON *state, const char *path);

@@ -83,6 +83,18 @@ static int create(struct room_call *c)
     return EXIT_DONE;
 }
 
+// An action as relight.proto has it, for programs and for what no verb does.
+static int act(struct room_call *c)
+{
+    cJSON *action = cJSON_Parse(c->word[0]);
+    if (!cJSON_IsObject(action)) {
+        cJSON_Delete(action);
+        return report_usage(c->options, "act: expected a RoomAction as JSON, such as "
+                                        "{\"rename\":{\"name\":\"Bunny\"}}");
+    }
+    return simple(c, action, "done");
+}
+
 static int rename_room(struct room_call *c)
 {
     cJSON *m = cJSON_CreateObject();
@@ -387,6 +399,9 @@ static const struct verb {
     {"list", false, 0, 0, "", room_list},
     {"backup", false, 0, 0, "-o FILE", backup},
     {"show", true, 0, 1, "ROOM [PIN]", room_show},
+    {"anchors", true, 0, 0, "ROOM", room_anchors},
+    {"act", true, 1, 1, "ROOM JSON", act},
+    {"compare", true, 0, 2, "ROOM [REVISION [REVISION]]", room_compare},
     {"log", true, 0, 0, "ROOM", room_log},
     {"watch", true, 0, 0, "ROOM", room_watch},
     {"rename", true, 1, 1, "ROOM NAME", rename_room},

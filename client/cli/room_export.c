@@ -56,6 +56,26 @@ static int write_picture(struct room_call *c, const char *name,
     return status;
 }
 
+// Of a decision about another revision than the scene is now: both, and where they differ.
+static int write_change(struct room_call *c, const cJSON *state, const cJSON *decision)
+{
+    char name[80], path[4096];
+    double sequence = number_of(list_of(decision, "stamp"), "sequence");
+    if (number_of(list_of(decision, "seen"), "revision") == room_revision_now(state))
+        return EXIT_DONE;
+    snprintf(name, sizeof name, "pictures/decision-%.0f-now.png", sequence);
+    path_in(c, path, name);
+    return room_write_change(c, (uint64_t)sequence, path);
+}
+
+static int write_strokes(struct room_call *c, const cJSON *state, double pin)
+{
+    char name[80], path[4096];
+    snprintf(name, sizeof name, "pictures/pin-%.0f-strokes.png", pin);
+    path_in(c, path, name);
+    return room_write_strokes(c, state, pin, path);
+}
+
 static int write_pictures(struct room_call *c, const cJSON *state)
 {
     const cJSON *item;
@@ -71,6 +91,8 @@ static int write_pictures(struct room_call *c, const cJSON *state)
             snprintf(name, sizeof name, "pictures/%s-%llu.png", kind ? "decision" : "pin",
                      (unsigned long long)sequence);
             if (!status) status = write_picture(c, name, &view);
+            if (!status && !kind) status = write_strokes(c, state, (double)sequence);
+            if (!status && kind) status = write_change(c, state, item);
         }
     return status;
 }

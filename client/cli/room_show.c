@@ -40,8 +40,7 @@ int room_list(struct room_call *c)
 
 // ---- one room
 
-// Number of the revision that the scene is now; 0: it was not saved.
-static unsigned revision_now(const cJSON *state)
+unsigned room_revision_now(const cJSON *state)
 {
     const cJSON *r;
     unsigned now = 0;
@@ -55,7 +54,7 @@ static unsigned revision_now(const cJSON *state)
 static void print_scene(const cJSON *state)
 {
     const cJSON *scene = list_of(state, "scene"), *material = list_of(scene, "material");
-    unsigned now = revision_now(state);
+    unsigned now = room_revision_now(state);
     printf("scene: model %.16s, lights: %d",
            *text_of(scene, "model") ? text_of(scene, "model") : "none",
            cJSON_GetArraySize(list_of(scene, "lights")));
@@ -130,7 +129,7 @@ static void print_people(const cJSON *state)
 static void print_room(const cJSON *state)
 {
     const cJSON *item;
-    unsigned now = revision_now(state);
+    unsigned now = room_revision_now(state);
     printf("%s  %s  event %.0f%s\n", escape(text_of(state, "name")).text,
            text_of(state, "room"), number_of(state, "sequence"),
            cJSON_IsTrue(list_of(state, "closed")) ? "  closed" : "");

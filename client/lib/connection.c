@@ -59,14 +59,15 @@ struct relight_client {
     struct answer *hello; // the last one; earlier ones behind it, for relight_server()
     bool gone_away;
     struct relight_goaway goaway;
-    char *name, *token, *ca; // for a reconnect
+    char *name, *token, *ca, *route; // for a reconnect; route "": none
+    bool stay;                       // where the daemon that is asked serves
     double connect_timeout_s, reconnect_s;
     bool reviving; // `reviver` connects again, others wait
     pthread_t reviver;
 };
 
-// An error's text may come from the daemon and goes to terminals: control characters (C0, DEL,
-// and C1 in UTF-8) become '?', and a character that the array cut is dropped.
+// An error's text may come from the daemon and is printed to terminals: control characters (C0,
+// DEL, and C1 in UTF-8) become '?', and a character that the array cut is dropped.
 static void tidy_line(char *text, size_t room)
 {
     size_t n = strlen(text), last = n;
@@ -111,6 +112,8 @@ int relight_fail_message(struct relight_error *error, const Relight__Error *mess
     error->generation = message->generation;
     snprintf(error->parameter, sizeof error->parameter, "%s", message->parameter);
     snprintf(error->unit, sizeof error->unit, "%s", message->unit);
+    snprintf(error->address, sizeof error->address, "%s", message->address);
+    tidy_line(error->address, sizeof error->address);
     tidy_line(error->parameter, sizeof error->parameter);
     tidy_line(error->unit, sizeof error->unit);
     return -code;
@@ -474,6 +477,23 @@ static int connect_again(struct relight_client *c, const char *address,
     return status;
 }
 
+// Connects, and goes where the daemon sends it: once, so that no two send it to and fro. Where
+// nobody answers there, the first one serves. Lock held.
+static int connect_routed(struct relight_client *c, const char *address,
+                          struct relight_error *error)
+{
+    struct relight_error own;
+    struct relight_error *e = error ? error : &own;
+    c->stay = false;
+    int status = connect_again(c, address, e);
+    if (status != -RELIGHT_E_MOVED) return status;
+    char moved[sizeof e->address];
+    memcpy(moved, e->address, sizeof moved);
+    c->stay = true;
+    status = *moved ? connect_again(c, moved, e) : -RELIGHT_E_UNREACHABLE;
+    return status ? connect_again(c, address, e) : 0;
+}
+
 // Connects again where the connection is lost, or where the daemon said GOAWAY and no answer is
 // still to come. Lock held.
 static int revive(struct relight_client *c, struct relight_error *error)
@@ -493,7 +513,7 @@ static int revive(struct relight_client *c, struct relight_error *error)
     while (c->leading) pthread_cond_wait(&c->changed, &c->lock);
     double end = relight_now_s() + c->reconnect_s, pause_s = 0.05;
     int status;
-    while ((status = connect_again(c, address, error)) == -RELIGHT_E_UNREACHABLE ||
+    while ((status = connect_routed(c, address, error)) == -RELIGHT_E_UNREACHABLE ||
            status == -RELIGHT_E_DISCONNECTED || status == -RELIGHT_E_TIMEOUT ||
            status == -RELIGHT_E_BUSY || status == -RELIGHT_E_SHUTTING_DOWN) {
         if (relight_now_s() + pause_s > end) break;
@@ -677,6 +697,8 @@ static int hello(struct relight_client *c, struct relight_error *error)
     m.version_min = m.version_max = RELIGHT_PROTOCOL_VERSION;
     m.token = relight_text(c->token);
     m.max_payload = c->decoder.limits.max_payload;
+    m.route = relight_text(c->route);
+    m.stay = c->stay;
     uint64_t id;
     int status = relight_start(c, RELIGHT_TYPE_HELLO, &m.base, NULL, 0, c->connect_timeout_s,
                                false, &id, error);
@@ -742,14 +764,24 @@ int relight_connect(const char *address, const struct relight_options *options,
     c->name = strdup(o.name ? o.name : "librelight");
     c->token = strdup(o.token ? o.token : "");
     c->ca = o.ca ? strdup(o.ca) : NULL;
+    c->route = strdup(o.route ? o.route : "");
     c->read_buffer = malloc(READ_SIZE);
     struct relight_frame_limits limits = {16u << 20,
                                           o.max_payload ? o.max_payload : UINT64_C(4) << 30};
     relight_decoder_init(&c->decoder, &limits);
-    bool whole = c->address && c->name && c->token && (!o.ca || c->ca) && c->read_buffer;
+    bool whole =
+        c->address && c->name && c->token && c->route && (!o.ca || c->ca) && c->read_buffer;
     int status = whole && c->wake_fd >= 0
                      ? hello(c, error)
                      : relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+    if (status == -RELIGHT_E_MOVED) {
+        pthread_mutex_lock(&c->lock);
+        c->reviving = true;
+        c->reviver = pthread_self();
+        status = connect_routed(c, c->address, error);
+        c->reviving = false;
+        pthread_mutex_unlock(&c->lock);
+    }
     // A peer that closes, or does not answer HELLO, counts as unreachable.
     if (status == -RELIGHT_E_DISCONNECTED || status == -RELIGHT_E_TIMEOUT ||
         status == -RELIGHT_E_PROTOCOL) {
@@ -792,6 +824,7 @@ void relight_close(struct relight_client *c)
     free(c->address);
     free(c->name);
     free(c->token);
+    free(c->route);
     free(c->ca);
     free(c);
 }

@@ -82,6 +82,7 @@ struct request_parts {
     int n_cube;
     Relight__Shade shade;
     Relight__Vec3 shade_eye;
+    Relight__ObjectMaterial material[RELIGHT_MAX_MATERIAL], *materials[RELIGHT_MAX_MATERIAL];
     Relight__Picture picture;
     Relight__Camera camera;
     Relight__Orbit orbit;
@@ -92,9 +93,16 @@ int relight_put_lights(struct request_parts *parts, size_t n,
 /* Rotation and gain alone, for lights that a view has. */
 int relight_put_turns(struct request_parts *parts, size_t n, const struct relight_light *lights,
                       struct relight_error *error);
-void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade);
+int relight_put_materials(size_t n, const struct relight_object_material *in,
+                          Relight__ObjectMaterial message[RELIGHT_MAX_MATERIAL],
+                          Relight__ObjectMaterial *list[RELIGHT_MAX_MATERIAL],
+                          struct relight_error *error);
+int relight_put_shade(struct request_parts *parts, const struct relight_shade *shade,
+                      struct relight_error *error);
 void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture);
 void relight_get_cost(const Relight__Cost *message, struct relight_cost *out);
+/* Of one colour of an enum relight_color_format; 0: of no fixed size. */
+unsigned relight_color_bytes(unsigned format);
 /* Check the description against the payload and point into it. */
 int relight_get_colors(const Relight__ColorsAnswer *message, const uint8_t *payload,
                        uint64_t payload_size, struct relight_colors *out,

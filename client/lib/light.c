@@ -20,8 +20,8 @@ int relight_colors_begin(struct relight_client *client,
     Relight__ColorsRequest m = RELIGHT__COLORS_REQUEST__INIT;
     struct request_parts parts;
     int status = relight_put_lights(&parts, request->n_light, request->lights, error);
+    if (!status) status = relight_put_shade(&parts, &request->shade, error);
     if (status) return status;
-    relight_put_shade(&parts, &request->shade);
     m.model = relight_text(request->model);
     m.pose = relight_text(request->pose);
     m.n_lights = request->n_light;
@@ -76,8 +76,8 @@ int relight_image_begin(struct relight_client *client,
     Relight__ImageRequest m = RELIGHT__IMAGE_REQUEST__INIT;
     struct request_parts parts;
     int status = relight_put_lights(&parts, request->n_light, request->lights, error);
+    if (!status) status = relight_put_shade(&parts, &request->shade, error);
     if (status) return status;
-    relight_put_shade(&parts, &request->shade);
     relight_put_picture(&parts, &request->picture);
     m.model = relight_text(request->model);
     m.pose = relight_text(request->pose);
@@ -163,9 +163,11 @@ void relight_decode_srgb8(const uint8_t *in, size_t n, float *out)
 
 int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, float *out)
 {
-    if (plane >= colors->n_plane) return -RELIGHT_E_ARGUMENT;
-    const uint8_t *data = (const uint8_t *)colors->data + plane * colors->plane_bytes;
-    size_t n = colors->n_vertex;
+    const uint32_t parts = colors->n_part ? colors->n_part : 1;
+    if (plane / parts >= colors->n_plane) return -RELIGHT_E_ARGUMENT;
+    const size_t n = colors->n_vertex;
+    const uint8_t *data = (const uint8_t *)colors->data + plane / parts * colors->plane_bytes +
+                          plane % parts * n * relight_color_bytes(colors->format);
     switch (colors->format) {
     case RELIGHT_COLOR_F32:
         memcpy(out, data, n * 12);

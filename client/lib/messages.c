@@ -100,10 +100,33 @@ int relight_put_lights(struct request_parts *parts, size_t n,
     return 0;
 }
 
-void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade)
+int relight_put_materials(size_t n, const struct relight_object_material *in,
+                          Relight__ObjectMaterial message[RELIGHT_MAX_MATERIAL],
+                          Relight__ObjectMaterial *list[RELIGHT_MAX_MATERIAL],
+                          struct relight_error *error)
+{
+    if (n > RELIGHT_MAX_MATERIAL)
+        return relight_fail(error, RELIGHT_E_ARGUMENT, "",
+                            "%zu materials by object, at most %d a request", n,
+                            RELIGHT_MAX_MATERIAL);
+    for (size_t i = 0; i < n; i++) {
+        relight__object_material__init(list[i] = message + i);
+        message[i].object = relight_text(in[i].object);
+        message[i].material = relight_text(in[i].material);
+    }
+    return 0;
+}
+
+int relight_put_shade(struct request_parts *parts, const struct relight_shade *shade,
+                      struct relight_error *error)
 {
     Relight__Shade *m = &parts->shade;
     relight__shade__init(m);
+    int status = relight_put_materials(shade->n_material, shade->materials, parts->material,
+                                       parts->materials, error);
+    if (status) return status;
+    m->n_materials = shade->n_material;
+    m->materials = parts->materials;
     m->engine = (Relight__Engine)shade->engine;
     m->term = (Relight__Term)shade->term;
     m->material = relight_text(shade->material);
@@ -117,6 +140,7 @@ void relight_put_shade(struct request_parts *parts, const struct relight_shade *
         parts->shade_eye = vec3(shade->eye);
         m->eye = &parts->shade_eye;
     }
+    return 0;
 }
 
 void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture)
@@ -133,6 +157,7 @@ void relight_put_picture(struct request_parts *parts, const struct relight_pictu
     m->samples = picture->samples;
     m->no_specular = picture->no_specular;
     m->transparent = picture->transparent;
+    m->floor = picture->floor;
     if (picture->plain_background) {
         m->plain_background = 1;
         parts->background = vec3(picture->background);
@@ -179,10 +204,12 @@ void relight_get_cost(const Relight__Cost *m, struct relight_cost *out)
                                  .samples = m->samples,
                                  .frames = m->frames,
                                  .converged = m->converged,
-                                 .reduced = m->reduced};
+                                 .reduced = m->reduced,
+                                 .draft = m->draft,
+                                 .bake_fraction = m->bake_fraction};
 }
 
-static unsigned color_bytes(Relight__ColorFormat format)
+unsigned relight_color_bytes(unsigned format)
 {
     switch ((int)format) {
     case RELIGHT_COLOR_F32:
@@ -201,11 +228,15 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
                        uint64_t payload_size, struct relight_colors *out,
                        struct relight_error *error)
 {
-    uint64_t need = (uint64_t)m->n_vertex * color_bytes(m->format);
+    const uint64_t each = (uint64_t)m->n_vertex * relight_color_bytes(m->format);
+    uint64_t need = each;
     uint64_t last; // where the last plane starts
     const bool rows = m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
     if (rows) need = m->plane_bytes;
-    if ((!rows && !color_bytes(m->format)) || !m->n_plane || m->plane_bytes < need ||
+    const bool parted = m->n_part > 0 && !rows;
+    if ((!rows && !relight_color_bytes(m->format)) || !m->n_plane ||
+        (parted && __builtin_mul_overflow(each, (uint64_t)m->n_part, &need)) ||
+        m->plane_bytes < need || (parted && !m->n_outgoing) ||
         (m->n_plane > 1 && m->plane_bytes % RELIGHT_FRAME_ALIGN) ||
         __builtin_mul_overflow(m->plane_bytes, (uint64_t)m->n_plane - 1, &last) ||
         last > payload_size || payload_size - last < need)
@@ -215,11 +246,16 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
             m->n_vertex, (unsigned long long)payload_size);
     *out = (struct relight_colors){.n_vertex = m->n_vertex,
                                    .n_plane = m->n_plane,
+                                   .n_part = parted ? m->n_part : 0,
                                    .plane_bytes = m->plane_bytes,
                                    .format = (enum relight_color_format)m->format,
                                    .generation = m->generation,
                                    .data = payload};
     relight_get_cost(m->cost, &out->cost);
+    if (parted) {
+        out->n_outgoing = m->n_outgoing;
+        out->outgoings = m->outgoing;
+    }
     if (rows && !relight_get_coefficients(m, out))
         return relight_fail(error, RELIGHT_E_PROTOCOL, "",
                             "colours answer: its coefficients contradict each other");
@@ -277,6 +313,8 @@ int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                                           .n_triangle = m->n_triangle};
         get_vec3(m->base_color, block[i].base_color);
         block[i].surface_index = m->surface_index;
+        block[i].medium = m->medium;
+        block[i].node = m->node;
     }
     *out = block;
     return 0;

@@ -119,6 +119,8 @@ static void put_bake(Relight__BakeSettings *m, const struct relight_bake *bake)
     relight__bake_settings__init(m);
     m->transport = (Relight__Transport)bake->transport;
     m->storage = (Relight__Storage)bake->storage;
+    m->scattering = (Relight__Scattering)bake->scattering;
+    m->walks = bake->walks;
     m->samples = bake->samples;
     m->cube = bake->cube;
     m->coeffs = bake->coeffs;
@@ -137,6 +139,10 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
 {
     Relight__LoadRequest m = RELIGHT__LOAD_REQUEST__INIT;
     Relight__BakeSettings bake;
+    Relight__ObjectMaterial material[RELIGHT_MAX_MATERIAL], *materials[RELIGHT_MAX_MATERIAL];
+    int status =
+        relight_put_materials(load->n_material, load->materials, material, materials, error);
+    if (status) return status;
     put_bake(&bake, &load->bake);
     Relight__FileRef *ref = calloc(load->n_file + 1, sizeof *ref);
     Relight__FileRef **refs = calloc(load->n_file + 1, sizeof *refs);
@@ -158,14 +164,18 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
     m.size_mm = load->size_mm;
     m.mm_per_unit = load->mm_per_unit;
     m.material = relight_text(load->material);
+    m.n_materials = load->n_material;
+    m.materials = materials;
     m.bake = &bake;
     m.n_opaque = load->n_opaque;
     m.opaque = (char **)(uintptr_t)load->opaque;
     m.pin = load->pin;
     m.up_z = load->up_z;
+    m.variant = relight_text(load->variant);
     m.preview = load->preview;
+    m.no_draft = load->no_draft;
     struct answer *answer;
-    int status = relight_call(client, RELIGHT_TYPE_LOAD, &m.base, &answer, error);
+    status = relight_call(client, RELIGHT_TYPE_LOAD, &m.base, &answer, error);
     free(ref);
     free(refs);
     if (status) return status;
@@ -264,6 +274,7 @@ static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
         .pinned = m->pinned,
         .error_bound = m->error_bound,
         .stale = m->stale,
+        .draft = m->draft,
         .material = m->material,
         .settings = m->settings,
         .errors = m->errors,
@@ -308,6 +319,8 @@ int relight_info(struct relight_client *client, const char *model, struct religh
     get_model(a, out);
     out->owner = owner;
     out->n_block = a->n_blocks;
+    out->n_medium = a->n_media;
+    out->medium = (const char *const *)a->media;
     if (relight_get_blocks(owner, a->n_blocks, a->blocks, &out->block) ||
         get_cameras(owner, a, out)) {
         relight_owner_free(owner);
@@ -460,6 +473,8 @@ static int geometry(struct relight_client *client, const char *model, const char
         .mm_per_unit = a->mm_per_unit,
         .generation = a->generation,
         .n_block = a->n_blocks,
+        .n_medium = a->n_media,
+        .medium = (const char *const *)a->media,
         .owner = owner};
     bool good = !textures || relight_get_textures(owner, answer, &g);
     if (!good || relight_get_blocks(owner, a->n_blocks, a->blocks, &g.block)) {

@@ -125,19 +125,33 @@ int relight_room_log(struct relight_client *client, const char *room, uint64_t a
 
 // ---- edits
 
+// RoomEditRequest.client of this process and its last number; the lock is held from a number to
+// the end of its edit, or until it is sent where nobody sends it again.
+static pthread_mutex_t edit_lock = PTHREAD_MUTEX_INITIALIZER;
+static uint64_t edit_number;
+static char edit_author[17];
+static pthread_once_t author_once = PTHREAD_ONCE_INIT;
+
+static void make_author(void)
+{
+    uint64_t random;
+    if (getrandom(&random, sizeof random, 0) == sizeof random)
+        snprintf(edit_author, sizeof edit_author, "%016llx", (unsigned long long)random);
+}
+
+const char *relight_room_author(void)
+{
+    pthread_once(&author_once, make_author);
+    return edit_author;
+}
+
 // A connection that was lost while an edit was under way: the same number is done once.
 static int edit(struct relight_client *client, Relight__RoomEditRequest *m,
                 struct answer **answer, struct relight_error *error)
 {
-    static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
-    static uint64_t number;
-    static char own[17];
-    uint64_t random;
-    pthread_mutex_lock(&lock); // one edit of a `client` at a time
-    if (!own[0] && getrandom(&random, sizeof random, 0) == sizeof random)
-        snprintf(own, sizeof own, "%016llx", (unsigned long long)random);
-    m->client = own;
-    m->number = ++number;
+    m->client = relight_text(relight_room_author());
+    pthread_mutex_lock(&edit_lock); // one edit of a `client` at a time
+    m->number = ++edit_number;
     int status;
     for (int tries = 0;; tries++) {
         struct timespec pause = {0, 100000000};
@@ -148,8 +162,48 @@ static int edit(struct relight_client *client, Relight__RoomEditRequest *m,
         if (!gone || !relight_reconnects(client) || tries == 100) break;
         nanosleep(&pause, NULL);
     }
-    pthread_mutex_unlock(&lock);
+    pthread_mutex_unlock(&edit_lock);
     return status;
+}
+
+static void get_edited(const struct answer *answer, struct relight_room_edited *out)
+{
+    const Relight__RoomEditAnswer *a = (Relight__RoomEditAnswer *)answer->message;
+    if (!out) return;
+    *out = (struct relight_room_edited){
+        .sequence = a->sequence, .time_us = a->time_us, .repeated = a->repeated};
+    snprintf(out->secret, sizeof out->secret, "%s", a->secret);
+}
+
+int relight_room_edit_begin(struct relight_client *client, const char *room, const char *action,
+                            const char *me, uint64_t *id, struct relight_error *error)
+{
+    Relight__RoomEditRequest m = RELIGHT__ROOM_EDIT_REQUEST__INIT;
+    ProtobufCMessage *parsed;
+    int status = parse(action, &relight__room_action__descriptor, &parsed, error);
+    if (status) return status;
+    m.room = relight_text(room);
+    m.name = relight_text(me);
+    m.action = (Relight__RoomAction *)parsed;
+    m.client = relight_text(relight_room_author());
+    pthread_mutex_lock(&edit_lock);
+    m.number = ++edit_number;
+    status = relight_start(client, RELIGHT_TYPE_ROOM_EDIT, &m.base, NULL, 0,
+                           relight_timeout(client), false, id, error);
+    pthread_mutex_unlock(&edit_lock);
+    protobuf_c_message_free_unpacked(parsed, NULL);
+    return status;
+}
+
+int relight_room_edit_end(struct relight_client *client, uint64_t id,
+                          struct relight_room_edited *out, struct relight_error *error)
+{
+    struct answer *answer;
+    int status = relight_end(client, id, RELIGHT_TYPE_ROOM_EDIT, &answer, error);
+    if (status) return status;
+    get_edited(answer, out);
+    relight_answer_free(answer);
+    return 0;
 }
 
 int relight_room_edit(struct relight_client *client, const char *room, const char *action,
@@ -167,12 +221,7 @@ int relight_room_edit(struct relight_client *client, const char *room, const cha
     status = edit(client, &m, &answer, error);
     protobuf_c_message_free_unpacked(parsed, NULL);
     if (status) return status;
-    const Relight__RoomEditAnswer *a = (Relight__RoomEditAnswer *)answer->message;
-    if (out) {
-        *out = (struct relight_room_edited){
-            .sequence = a->sequence, .time_us = a->time_us, .repeated = a->repeated};
-        snprintf(out->secret, sizeof out->secret, "%s", a->secret);
-    }
+    get_edited(answer, out);
     relight_answer_free(answer);
     return 0;
 }
@@ -255,18 +304,20 @@ int relight_room_backup(struct relight_client *client, const char *path, relight
 
 // ---- the medium
 
-int relight_material(struct relight_client *client, const char *material,
-                     struct relight_medium *out, struct relight_error *error)
+static int ask_medium(struct relight_client *client, const Relight__MaterialRequest *m,
+                      struct relight_medium *out, struct relight_error *error)
 {
-    Relight__MaterialRequest m = RELIGHT__MATERIAL_REQUEST__INIT;
     struct answer *answer;
-    m.material = relight_text(material);
-    int status = relight_call(client, RELIGHT_TYPE_MATERIAL, &m.base, &answer, error);
+    int status = relight_call(client, RELIGHT_TYPE_MATERIAL, &m->base, &answer, error);
     if (status) return status;
     const Relight__MaterialAnswer *a = (Relight__MaterialAnswer *)answer->message;
     const Relight__Vec3 *from[] = {a->reflectance, a->mean_free_path, a->sigma_t, a->g};
-    *out = (struct relight_medium){
-        .profile = a->profile, .eta = a->eta, .roughness = a->roughness, .json = a->json};
+    *out = (struct relight_medium){.profile = a->profile,
+                                   .eta = a->eta,
+                                   .roughness = a->roughness,
+                                   .json = a->json,
+                                   .n_warning = a->n_warnings,
+                                   .warning = (const char *const *)a->warnings};
     float *to[] = {out->reflectance, out->mean_free_path_mm, out->sigma_t, out->g};
     for (int i = 0; i < 4 && from[i]; i++) {
         to[i][0] = from[i]->x;
@@ -275,6 +326,25 @@ int relight_material(struct relight_client *client, const char *material,
     }
     if (!(out->owner = relight_owner(answer))) return no_memory(error);
     return 0;
+}
+
+int relight_material(struct relight_client *client, const char *material,
+                     struct relight_medium *out, struct relight_error *error)
+{
+    Relight__MaterialRequest m = RELIGHT__MATERIAL_REQUEST__INIT;
+    m.material = relight_text(material);
+    return ask_medium(client, &m, out, error);
+}
+
+int relight_material_file(struct relight_client *client, const char *path, const char *name,
+                          struct relight_medium *out, struct relight_error *error)
+{
+    Relight__MaterialRequest m = RELIGHT__MATERIAL_REQUEST__INIT;
+    char hash[65];
+    int status = relight_upload_file(client, path, NULL, NULL, hash, NULL, error);
+    m.material = relight_text(name);
+    m.blob = hash;
+    return status ? status : ask_medium(client, &m, out, error);
 }
 
 void relight_medium_finish(struct relight_medium *medium)

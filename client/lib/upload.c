@@ -256,9 +256,10 @@ static int add_buffers(struct relight_client *client, struct bundle *bundle, con
     return status;
 }
 
-int relight_load_file(struct relight_client *client, const char *path,
-                      const struct relight_load *load, relight_progress_fn fn, void *user,
-                      struct relight_loaded *out, struct relight_error *error)
+// Uploads a model's file and what it refers to; the caller frees *out.
+static int upload_bundle(struct relight_client *client, const char *path,
+                         relight_progress_fn fn, void *user, struct bundle **out,
+                         struct relight_error *error)
 {
     struct bundle *bundle = calloc(1, sizeof *bundle);
     if (!bundle) return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
@@ -266,6 +267,22 @@ int relight_load_file(struct relight_client *client, const char *path,
     bool gltf = n > 5 && !strcasecmp(path + n - 5, ".gltf");
     int status = bundle_add(client, bundle, path, base_name(path), fn, user, error);
     if (!status && gltf) status = add_buffers(client, bundle, path, fn, user, error);
+    *out = bundle;
+    return status;
+}
+
+static void free_bundle(struct bundle *bundle)
+{
+    for (size_t i = 0; bundle && i < bundle->n; i++) free(bundle->name[i]);
+    free(bundle);
+}
+
+int relight_load_file(struct relight_client *client, const char *path,
+                      const struct relight_load *load, relight_progress_fn fn, void *user,
+                      struct relight_loaded *out, struct relight_error *error)
+{
+    struct bundle *bundle = NULL;
+    int status = upload_bundle(client, path, fn, user, &bundle, error);
     if (!status) {
         struct relight_load whole = *load;
         whole.n_file = bundle->n;
@@ -273,7 +290,40 @@ int relight_load_file(struct relight_client *client, const char *path,
         whole.path = NULL;
         status = relight_load(client, &whole, out, error);
     }
-    for (size_t i = 0; i < bundle->n; i++) free(bundle->name[i]);
-    free(bundle);
+    free_bundle(bundle);
+    return status;
+}
+
+int relight_put_animation(struct relight_client *client, const char *model, const char *path,
+                          const char *animation, double time_s, bool up_z, char pose[65],
+                          struct relight_error *error)
+{
+    Relight__PutPoseRequest m = RELIGHT__PUT_POSE_REQUEST__INIT;
+    struct answer *answer;
+    struct bundle *bundle = NULL;
+    int status = upload_bundle(client, path, NULL, NULL, &bundle, error);
+    const size_t n = status ? 0 : bundle->n;
+    Relight__FileRef *ref = calloc(n + 1, sizeof *ref), **refs = calloc(n + 1, sizeof *refs);
+    if (!status && (!ref || !refs))
+        status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+    for (size_t i = 0; !status && i < n; i++) {
+        relight__file_ref__init(refs[i] = ref + i);
+        ref[i].name = relight_text(bundle->file[i].name);
+        ref[i].blob = relight_text(bundle->file[i].hash);
+    }
+    m.model = relight_text(model);
+    m.animation = relight_text(animation);
+    m.time_s = (float)time_s;
+    m.up_z = up_z;
+    m.n_files = n;
+    m.files = refs;
+    if (!status) status = relight_call(client, RELIGHT_TYPE_PUT_POSE, &m.base, &answer, error);
+    if (!status) {
+        snprintf(pose, 65, "%s", ((Relight__PutPoseAnswer *)answer->message)->pose);
+        relight_answer_free(answer);
+    }
+    free_bundle(bundle);
+    free(ref);
+    free(refs);
     return status;
 }

@@ -20,7 +20,7 @@ static int put_state(struct request_parts *parts, Relight__ViewState *m, size_t 
     m->n_lights = n_light;
     m->lights = parts->lights;
     if (shade) {
-        relight_put_shade(parts, shade);
+        if ((status = relight_put_shade(parts, shade, error))) return status;
         m->shade = &parts->shade;
     }
     if (picture) {

@@ -101,10 +101,9 @@ static int set_camera(struct drawing *d, uint32_t frame)
 static int shade(struct drawing *d, struct prt_image *out)
 {
     const struct options *o = d->scene->options;
-    struct prt_material surface = {.eta = d->scene->eta, .roughness = d->scene->roughness};
     struct prt_shade s = {.n_plane = 4,
                           .planes = d->plane,
-                          .media = prt_media_one(&surface),
+                          .media = *d->scene->media,
                           .fresnel = true,
                           .transparent = o->transparent,
                           .specular = d->specular};

@@ -30,7 +30,10 @@ static const struct argp_option table[] = {
     {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},
     {"output", 'o', "FILE", 0,
      "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME", 0},
-    {"material", 'm', "NAME|FILE", 0, "another material (joint transport)", 0},
+    {"material", 'm', "[OBJECT=]NAME|FILE", 0,
+     "another material (joint transport), of this glTF material or node or of all others; may "
+     "repeat",
+     0},
     {"size", 'z', "WxH", 0, "pixels of a picture, up to 4096x4096 (default 800x600)", 0},
     {"camera", 'c', "NAME|CAMERA", 0,
      "a camera of the model's file (relight info lists them), or EYE:TARGET[:UP[:FOVY]] as "
@@ -202,7 +205,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->output = arg;
         break;
     case 'm':
-        o->material = arg;
+        if (o->n_material == PRT_MEDIA_MAX)
+            argp_error(state, "--material: at most %d", PRT_MEDIA_MAX);
+        o->material[o->n_material++] = arg;
         break;
     case 'j':
         o->json = true;

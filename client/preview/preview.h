@@ -3,13 +3,16 @@
 #ifndef RELIGHT_PREVIEW_H
 #define RELIGHT_PREVIEW_H
 
+#include "prt/media.h"
 #include "prt/picture.h"
 #include "relight/relight.h"
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_ENV = 16 };
 
 struct options {
-    const char *server, *model, *output, *material;
+    const char *server, *model, *output;
+    const char *material[PRT_MEDIA_MAX]; /* [OBJECT=]NAME|FILE */
+    unsigned n_material;
     const char *env[MAX_ENV];
     size_t n_env;
     double rotate_deg, timeout_s;
@@ -31,15 +34,20 @@ struct sky {
     struct prt_env *env; /* NULL: the daemon's image; no background, no reflections */
 };
 
-/* The fetched model: geometry in mm, surface of its medium. */
+/* The fetched model: geometry in mm, media by object. */
 struct scene {
     struct relight_client *client;
     const struct options *options;
     struct prt_context ctx;
     struct relight_geometry geometry;
-    struct prt_mesh mesh; /* arrays of its own */
-    float eta, roughness;
-    bool anisotropic;        /* g is not 0: colours are requested towards the eye */
+    struct prt_mesh mesh;    /* arrays of its own */
+    struct prt_media *media; /* by object: the model's own, edited by options->material */
+    /* options->material for the daemon: JSON texts, owned; `shade` points into them */
+    char *text[PRT_MEDIA_MAX];
+    char object[PRT_MEDIA_MAX][128];
+    struct relight_object_material given[PRT_MEDIA_MAX];
+    struct relight_shade shade;
+    bool anisotropic;        /* a g is not 0: colours are requested towards the eye */
     struct prt_camera named; /* options->camera_name's */
     struct sky sky[MAX_ENV];
 };
@@ -48,6 +56,9 @@ int scene_fetch(struct scene *scene);
 /* Textures of the fetched geometry into scene->mesh, checked; texels are fetched. */
 int scene_textures(struct scene *scene);
 void scene_textures_finish(struct scene *scene);
+/* Media of the fetched geometry, and options->material. */
+int scene_media(struct scene *scene);
+void scene_media_finish(struct scene *scene);
 void scene_finish(struct scene *scene);
 
 /* Colours without outgoing Fresnel under one light: multiple + single scattering. One answer

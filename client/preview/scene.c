@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Fetches the model: geometry as a mesh for the raster room, the surface of its medium,
-// environments, and colours under a light.
+// Fetches the model: geometry as a mesh for the raster room, environments, and colours under a
+// light.
 #include "preview.h"
 
 #include <math.h>
@@ -30,6 +30,8 @@ static bool put_blocks(const struct relight_geometry *g, struct prt_mesh *m)
         snprintf(s->name, sizeof s->name, "%s", b->surface);
         memcpy(s->base_color, b->base_color, sizeof b->base_color);
         s->base_color[3] = 1;
+        if (b->object >= g->n_block) return false;
+        snprintf(m->object[b->object].name, sizeof m->object[0].name, "%s", b->node);
     }
     return true;
 }
@@ -58,7 +60,9 @@ static int make_mesh(struct scene *scene)
     m->weld = prt_alloc(g->n_vertex, 4);
     m->block = prt_calloc(g->n_block, sizeof *m->block);
     m->surface = prt_calloc(g->n_block, sizeof *m->surface);
-    if (!m->position || !m->normal || !m->triangle || !m->weld || !m->block || !m->surface)
+    m->object = prt_calloc(g->n_block, sizeof *m->object); // there are no more than blocks
+    if (!m->position || !m->normal || !m->triangle || !m->weld || !m->block || !m->surface ||
+        !m->object)
         return fail("not enough memory for the model");
     memcpy(m->position, g->position, 12 * (size_t)g->n_vertex);
     memcpy(m->normal, g->normal, 12 * (size_t)g->n_vertex);
@@ -69,31 +73,6 @@ static int make_mesh(struct scene *scene)
     int status = scene_textures(scene);
     if (status) return status;
     return count_objects(m);
-}
-
-// Refractive index and roughness of the model's material, or of --material.
-static int find_surface(struct scene *scene)
-{
-    struct relight_error error;
-    struct relight_model info;
-    struct prt_material material = {.eta = 1.3f, .roughness = 0.3f};
-    int status = PRT_OK;
-    if (scene->options->material) {
-        status = prt_material_load(&scene->ctx, scene->options->material, &material);
-        if (status) return status == PRT_ARG ? EXIT_USAGE : EXIT_FAILED;
-    } else {
-        if (relight_info(scene->client, scene->options->model, &info, &error))
-            return report(&error);
-        if (*info.material)
-            status = prt_material_parse(&scene->ctx, "the model's material", info.material,
-                                        strlen(info.material), &material);
-        relight_model_finish(&info);
-        if (status) return EXIT_FAILED;
-    }
-    scene->eta = material.eta;
-    scene->roughness = material.roughness;
-    scene->anisotropic = material.g[0] != 0 || material.g[1] != 0 || material.g[2] != 0;
-    return EXIT_DONE;
 }
 
 // The camera of options->camera_name.
@@ -136,7 +115,7 @@ int scene_fetch(struct scene *scene)
     if (relight_geometry_textured(scene->client, o->model, false, &scene->geometry, &error))
         return report(&error);
     int status = make_mesh(scene);
-    if (!status) status = find_surface(scene);
+    if (!status) status = scene_media(scene);
     if (!status) status = find_camera(scene);
     for (size_t i = 0; !status && i < o->n_env; i++)
         status = find_sky(scene, o->env[i], scene->sky + i);
@@ -152,6 +131,8 @@ void scene_finish(struct scene *scene)
     prt_free(m->weld);
     prt_free(m->block);
     prt_free(m->surface);
+    prt_free(m->object);
+    scene_media_finish(scene);
     scene_textures_finish(scene);
     for (int i = 0; i < MAX_ENV; i++)
         if (scene->sky[i].env) prt_env_destroy(scene->sky[i].env);
@@ -167,14 +148,8 @@ int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate
     struct relight_colors_request request = {.model = scene->options->model,
                                              .n_light = 1,
                                              .lights = &light,
+                                             .shade = scene->shade,
                                              .format = scene->options->format};
-    char material[PRT_MATERIAL_TEXT];
-    if (scene->options->material) {
-        struct prt_material m;
-        if (prt_material_load(&scene->ctx, scene->options->material, &m)) return EXIT_FAILED;
-        prt_material_print(&m, material, sizeof material);
-        request.shade.material = material;
-    }
     for (int i = 0; i < 2; i++) {
         request.shade.term = terms[i];
         if (i == 1 && scene->anisotropic) {
@@ -196,6 +171,7 @@ static void divide_total(const struct scene *scene, const struct prt_block *b,
                          const float eye[3], const float *total, float *plane)
 {
     const struct prt_mesh *m = &scene->mesh;
+    const double eta = (double)prt_media_of(scene->media, b->object)->eta;
     for (size_t v = b->vertex_begin; v < b->vertex_begin + (size_t)b->n_vertex; v++) {
         double length = 0, cosine = 0, transmittance = 1;
         for (int c = 0; c < 3; c++) {
@@ -205,10 +181,9 @@ static void divide_total(const struct scene *scene, const struct prt_block *b,
         }
         cosine /= sqrt(length);
         if (m->surface[b->surface].translucent)
-            transmittance = cosine > 0
-                                ? prt_fresnel_transmittance((double)scene->eta, cosine) /
-                                      prt_exit_divisor((double)scene->eta, PRT_EXIT_NORMALISED)
-                                : 0;
+            transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, cosine) /
+                                             prt_exit_divisor(eta, PRT_EXIT_NORMALISED)
+                                       : 0;
         for (size_t i = 3 * v; i < 3 * v + 3; i++)
             if (transmittance > 0.01) plane[i] = total[i] / (float)transmittance;
     }
@@ -228,15 +203,21 @@ static int add_single(struct scene *scene, const struct colors_pending *pending,
         memset(plane + n, 0, 3 * n * sizeof *plane);
         return EXIT_DONE;
     }
-    const float gain = (float)prt_exit_divisor((double)scene->eta, PRT_EXIT_NORMALISED);
-    for (size_t i = 0; i < n; i++) {
-        float other = plane[i];
-        plane[i] = gain * single[i];
-        single[i] = other;
+    for (uint32_t k = 0; k < m->n_block; k++) {
+        const struct prt_block *b = &m->block[k];
+        const double eta = (double)prt_media_of(scene->media, b->object)->eta;
+        const float gain = (float)prt_exit_divisor(eta, PRT_EXIT_NORMALISED);
+        const size_t end = 3 * ((size_t)b->vertex_begin + b->n_vertex);
+        for (size_t i = 3 * (size_t)b->vertex_begin; i < end; i++) {
+            float other = plane[i];
+            plane[i] = gain * single[i];
+            single[i] = other;
+        }
+        if (prt_view_correct(&scene->ctx, m->n_vertex, b->vertex_begin,
+                             b->vertex_begin + b->n_vertex, (const float(*)[3])m->normal, eta,
+                             1, 4, plane))
+            return EXIT_FAILED;
     }
-    if (prt_view_correct(&scene->ctx, m->n_vertex, 0, m->n_vertex, (const float(*)[3])m->normal,
-                         (double)scene->eta, 1, 4, plane))
-        return EXIT_FAILED;
     for (size_t i = 0; i < n; i++) plane[i] += single[i];
     return EXIT_DONE;
 }

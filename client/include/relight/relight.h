@@ -48,6 +48,7 @@ extern "C" {
     X(INTERNAL, 17, "internal error")                             \
     X(SHUTTING_DOWN, 18, "server is shutting down")               \
     X(JOB_FAILED, 19, "job failed")                               \
+    X(MOVED, 20, "another server serves it")                      \
     X(UNREACHABLE, 100, "server unreachable")                     \
     X(DISCONNECTED, 101, "connection lost")                       \
     X(TIMEOUT, 102, "no answer in time")                          \
@@ -81,6 +82,7 @@ struct relight_error {
     char unit[32]; /* "": none */
     /* RELIGHT_E_MISMATCH of relight_update_vertices: the geometry's generation now; else 0 */
     uint64_t generation;
+    char address[128]; /* MOVED: of the other server */
 };
 
 /* Connection. */
@@ -99,6 +101,10 @@ struct relight_options {
      * that the daemon named when it stopped (GOAWAY), else to the same one. Calls that were
      * waiting return RELIGHT_E_DISCONNECTED; views end and are opened again. 0: never */
     double reconnect_s;
+    /* The model that this connection is for, an id or a name; NULL: none. Of several replicas
+     * the daemon sends the client to the one that has it in memory; where that does not answer,
+     * the first serves. */
+    const char *route;
 };
 
 /* Connects to a relightd and says HELLO.
@@ -181,8 +187,8 @@ struct relight_progress {
     double eta_s, elapsed_s; /* eta_s < 0: unknown */
     enum relight_job_state state;
 };
-/* Non-zero stops waiting: the call returns RELIGHT_E_CANCELLED (a watched job goes on). Called
- * on the thread that made the call, without locks held. */
+/* Non-zero stops waiting: the call returns RELIGHT_E_CANCELLED (a watched job continues).
+ * Called on the thread that made the call, without locks held. */
 typedef int (*relight_progress_fn)(void *user, const struct relight_progress *progress);
 
 /* Fetches an upload back, as a file.
@@ -257,10 +263,18 @@ enum relight_storage {
     RELIGHT_STORAGE_SPARSE
 };
 
+enum relight_scattering {
+    RELIGHT_SCATTERING_DEFAULT,
+    RELIGHT_SCATTERING_DIPOLE,
+    RELIGHT_SCATTERING_WALK
+};
+
 /* Zero everywhere: the daemon's defaults, as `prt bake`. */
 struct relight_bake {
     enum relight_transport transport;
     enum relight_storage storage;
+    enum relight_scattering scattering; /* WALK: random walks, with transport WAVELET */
+    uint32_t walks;                     /* a vertex and channel, with WALK */
     uint32_t samples, cube, coeffs, rank, phase_terms, single_points;
     bool no_single;
     float max_error;
@@ -268,6 +282,12 @@ struct relight_bake {
     const char *env; /* polynomial: the fixed light, as relight_light.env */
     float rotate_deg;
 };
+/* The medium of one object. */
+struct relight_object_material {
+    const char *object;   /* a glTF material or node, or the unique beginning of its name */
+    const char *material; /* preset name or JSON text */
+};
+enum { RELIGHT_MAX_MATERIAL = 64 }; /* entries of one request */
 struct relight_file {
     const char *name; /* as the model refers to it */
     const char *hash;
@@ -279,13 +299,17 @@ struct relight_load {
     const char *path;
     const char *name;           /* NULL: the file's */
     float size_mm, mm_per_unit; /* at most one is not 0 */
-    const char *material;       /* preset name or JSON text */
+    const char *material;       /* preset name or JSON text; NULL: the file's own, or open */
+    size_t n_material;          /* media by object; the others have the above */
+    const struct relight_object_material *materials;
     struct relight_bake bake;
     size_t n_opaque;
     const char *const *opaque;
     bool pin;
-    bool up_z;    /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
-    bool preview; /* no bake: image-space engines answer */
+    const char *variant; /* of the glTF's materials; NULL: none */
+    bool up_z;           /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
+    bool preview;        /* no bake: image-space engines answer */
+    bool no_draft;       /* no draft of some 3 % that answers until the bake is ready */
 };
 enum relight_model_state {
     RELIGHT_MODEL_UNKNOWN,
@@ -359,6 +383,8 @@ struct relight_block {
     uint32_t vertex_begin, n_vertex, triangle_begin, n_triangle;
     float base_color[3];
     uint32_t surface_index; /* into relight_geometry.look */
+    uint32_t medium;        /* into `media`, of a translucent block */
+    const char *node;       /* glTF node's name, may be "" */
 };
 struct relight_named_camera {
     const char *name;
@@ -376,16 +402,19 @@ struct relight_model {
     uint32_t cube;
     uint64_t bytes, resident_bytes, generation;
     bool pinned;
-    double error_bound;                       /* measured relative RMSE; 0: unknown */
-    bool stale;                               /* vertices moved: the bake is of another shape */
+    double error_bound; /* measured relative RMSE; 0: unknown */
+    bool stale;         /* vertices moved: the bake is of another shape */
+    bool draft; /* a draft answers until the bake is ready; error_bound is the draft's */
     const char *material, *settings, *errors; /* JSON text, may be "" */
     size_t n_warning, n_block;
     const char *const *warning;
     const struct relight_block *block;
     size_t n_camera; /* the file's own; relight_info only */
     const struct relight_named_camera *camera;
-    const char *failure; /* of RELIGHT_MODEL_FAILED, else "" */
-    void *owner;         /* NULL for members of a list */
+    size_t n_medium;           /* JSON texts of its media; relight_info only */
+    const char *const *medium; /* [n_medium] */
+    const char *failure;       /* of RELIGHT_MODEL_FAILED, else "" */
+    void *owner;               /* NULL for members of a list */
 };
 
 /* Describes a model.
@@ -434,6 +463,8 @@ struct relight_geometry {
     uint64_t generation;
     size_t n_block;
     const struct relight_block *block;
+    size_t n_medium;           /* JSON texts of the model's media */
+    const char *const *medium; /* [n_medium] */
     void *owner;
     /* relight_geometry_textured alone */
     uint32_t n_uv;                  /* TEXCOORD sets */
@@ -546,6 +577,18 @@ int relight_put_pose(struct relight_client *client, const char *model, const cha
                      uint32_t first, uint32_t n, const float *position, const float *normal,
                      bool own_units, char pose[65], struct relight_error *error);
 
+/* Sends a pose that is a moment of an animation: nodes, skins and morph targets move.
+ * path: the glTF that the model was loaded from, which is uploaded with its buffers unless the
+ * daemon has them. animation: its name or the unique beginning of one; time_s in seconds, [0,
+ * 1e9]. up_z as in relight_load.
+ * Returns 0 and the pose's name in pose as relight_put_pose. -RELIGHT_E_OUT_OF_RANGE: no such
+ * animation, with the nearest one. -RELIGHT_E_MISMATCH: the file has other vertices than the
+ * model.
+ * Thread-safety: Safe. Blocks until the pose is made. */
+int relight_put_animation(struct relight_client *client, const char *model, const char *path,
+                          const char *animation, double time_s, bool up_z, char pose[65],
+                          struct relight_error *error);
+
 /* Takes a model out of the daemon's memory.
  * forget: its bake and its entry in the catalogue, too.
  * Returns 0 and the bytes that became free in *freed_bytes (NULL is allowed).
@@ -610,6 +653,8 @@ struct relight_shade {
     enum relight_engine engine;
     enum relight_term term;
     const char *material; /* preset or JSON text; NULL: the model's */
+    size_t n_material;    /* media by object; the others have the above */
+    const struct relight_object_material *materials;
     bool has_eye;
     float eye[3];    /* the model's own units */
     float max_error; /* refuse above this error bound; 0: never */
@@ -654,6 +699,7 @@ struct relight_picture {
     float background[3];
     uint32_t samples; /* 0: 4 */
     bool no_specular;
+    bool floor;       /* the shadow of the model on a plane under it */
     bool transparent; /* no background: alpha in PNG (straight colours) and EXR (premultiplied)
                        */
 };
@@ -666,9 +712,11 @@ struct relight_cost {
     const char *note;
     uint32_t samples, frames; /* image space: see relight.proto; 0 otherwise */
     bool converged;           /* a view sends nothing finer of this state */
-    uint32_t reduced; /* a view that cannot keep its rate: the picture has 1/reduced of the
-                         width and height asked for, coefficients have fewer rows, and an exact
-                         frame follows; 0: as asked for */
+    uint32_t reduced;    /* a view that cannot keep its rate: the picture has 1/reduced of the
+                            width and height asked for, coefficients have fewer rows, and an exact
+                            frame follows; 0: as asked for */
+    bool draft;          /* a draft answered, or a view fades from it to the bake */
+    float bake_fraction; /* with draft: how far the bake is, [0,1] */
 };
 
 /* Order of a client's own requests; between clients the compute time they used decides. */
@@ -688,10 +736,10 @@ struct relight_colors_request {
     enum relight_color_format format;
     float exposure_ev; /* RELIGHT_COLOR_SRGB8 */
     enum relight_priority priority;
-    const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
-    /* RELIGHT_COLOR_COEFFICIENTS: rows of each cluster, 0: all; also the phases behind the
-     * first, which depend on the view */
-    uint32_t most_rank;
+    const char *pose;   /* of relight_put_pose; NULL: the model's vertices as they are */
+    uint32_t most_rank; /* RELIGHT_COLOR_COEFFICIENTS: rows of each cluster, 0: all */
+    /* What depends on the view is sent apart: the phases behind the first of coefficients, and
+     * colours in parts (relight_colors.n_part) */
     bool phases;
 };
 enum { RELIGHT_MOST_LAYERS = 4, RELIGHT_MOST_PHASES = 16, RELIGHT_MOST_RANK = 1 << 20 };
@@ -704,18 +752,21 @@ struct relight_layer {
 };
 struct relight_colors {
     uint32_t n_vertex, n_plane;
+    /* Colours of each plane, one after another: M, then S_0, S_1, … of PROTOCOL.md (FACTORS),
+     * RELIGHT_COLOR_RGB9E5 at most S_0. 0: one colour a vertex */
+    uint32_t n_part;
     uint64_t plane_bytes;
     enum relight_color_format format;
     uint64_t generation;
     const void *data; /* plane i at i*plane_bytes, 64-byte aligned */
     struct relight_cost cost;
     void *owner;
+    size_t n_outgoing;     /* with coefficients or parts */
+    const void *outgoings; /* relight_colors_outgoing reads them */
     /* RELIGHT_COLOR_COEFFICIENTS alone */
     uint64_t factors; /* relight_factors.hash that they belong to */
     uint32_t most_rank, n_layer;
     struct relight_layer layer[RELIGHT_MOST_LAYERS];
-    size_t n_outgoing;
-    const void *outgoings; /* relight_colors_outgoing reads them */
 };
 
 /* Asks for one colour a vertex under each light, or under their sum.
@@ -748,8 +799,9 @@ int relight_colors_end(struct relight_client *client, uint64_t id, struct religh
  * Does not block. */
 void relight_colors_finish(struct relight_colors *colors);
 
-/* Turns a plane into linear RGB radiance.
- * plane: [0, n_plane). out [n_vertex][3].
+/* Turns a plane, or one part of it, into linear RGB radiance.
+ * plane: [0, n_plane); with parts [0, n_plane * n_part), those of plane 0 first. out
+ * [n_vertex][3].
  * Returns 0, or -RELIGHT_E_ARGUMENT where there is no such plane, or the format is
  * RELIGHT_COLOR_COEFFICIENTS (relight_coefficients_colors).
  * Thread-safety: Safe. Does not block. */
@@ -795,8 +847,8 @@ struct relight_outgoing {
     float divisor;    /* of the Fresnel transmittance towards an eye */
     float view_slope; /* single scattering towards an eye: 1 + view_slope (1 - cosine inside) */
 };
-/* Returns 0 and the values of a block of the geometry, or -RELIGHT_E_ARGUMENT where colours are
- * not in RELIGHT_COLOR_COEFFICIENTS or there is no such block.
+/* Returns 0 and the values of a block of the geometry, or -RELIGHT_E_ARGUMENT where colours
+ * are finished (neither coefficients nor parts) or there is no such block.
  * Thread-safety: Safe. Does not block. */
 int relight_colors_outgoing(const struct relight_colors *colors, size_t block,
                             struct relight_outgoing *out);
@@ -931,12 +983,12 @@ int relight_view_set(struct relight_view *view, size_t n_light,
 
 /* Changes named fields of a view's state; all others stay. A slider step sends its one number.
  * fields [n_field]: names as in relight.proto, ViewState.fields: "shade.material",
- * "lights.rotate_deg", "picture.camera", "options.max_fps"; "lights" with n_light 0 removes all
- * lights. values: where the fields' new values are; a field that is zero there goes back to its
- * default. With "lights.rotate_deg" and "lights.gain" the lights of values need no environment.
- * model and colors are ignored. *sequence as in relight_view_set.
+ * "shade.materials", "lights.rotate_deg", "picture.camera", "options.max_fps"; "lights" with
+ * n_light 0 removes all lights. values: where the fields' new values are; a field that is zero
+ * there takes its default. With "lights.rotate_deg" and "lights.gain" the lights of
+ * values need no environment. model and colors are ignored. *sequence as in relight_view_set.
  * Returns 0 once it is sent. -RELIGHT_E_ARGUMENT, -RELIGHT_E_DISCONNECTED. A name that the
- * daemon does not know changes nothing, and no frame follows.
+ * daemon does not have changes nothing, and no frame follows.
  * Thread-safety: Safe. Blocks only while the socket is full. */
 int relight_view_change(struct relight_view *view, const struct relight_view_request *values,
                         size_t n_field, const char *const *fields, uint64_t *sequence,
@@ -1078,7 +1130,7 @@ const char *relight_event_name(int kind);
 typedef int (*relight_event_fn)(void *user, const struct relight_event *event);
 
 /* Follows the daemon's events: models, bakes, uploads of this client.
- * cursor: where to begin; it follows every event, so that a program that stores it goes on
+ * cursor: where to begin; it follows every event, so that a program that stores it continues
  * after a restart of its own, of the connection or of the daemon. NULL: from now on. wait_s:
  * longest time without an event after which the call ends; < 0: no limit. With
  * relight_options.reconnect_s it outlives the connection. Returns 0 when fn returned non-zero
@@ -1095,12 +1147,20 @@ struct relight_medium {
     float mean_free_path_mm[3]; /* 1 / (sigma_s' + sigma_a) */
     float sigma_t[3];           /* [mm^-1] sigma_s' / (1 - g) + sigma_a */
     float g[3], eta, roughness;
+    size_t n_warning; /* what the conversion of a file lost */
+    const char *const *warning;
     void *owner;
 };
 /* Asks for the numbers of a preset or of a material's JSON text. Returns 0 and *out, to be
  * freed by relight_medium_finish. -RELIGHT_E_OUT_OF_RANGE. Thread-safety: Safe. Blocks. */
 int relight_material(struct relight_client *client, const char *material,
                      struct relight_medium *out, struct relight_error *error);
+/* The same of a file of another program: MaterialX, Blender's Principled as JSON, pbrt's named
+ * media. path: it is uploaded unless the daemon has it. name: of one of its materials, or the
+ * unique beginning of one; NULL where one alone has a medium.
+ * Returns as relight_material, or as relight_upload_file. Thread-safety: Safe. Blocks. */
+int relight_material_file(struct relight_client *client, const char *path, const char *name,
+                          struct relight_medium *out, struct relight_error *error);
 /* Frees what relight_material put into *medium. Thread-safety: Safe for different structs. Does
  * not block. */
 void relight_medium_finish(struct relight_medium *medium);
@@ -1155,6 +1215,26 @@ struct relight_room_edited {
 int relight_room_edit(struct relight_client *client, const char *room, const char *action,
                       const char *me, struct relight_room_edited *out,
                       struct relight_error *error);
+
+/* Sends an edit without waiting until it is on the disk, for changes that follow one another
+ * quickly. It is not sent again when the connection is lost.
+ * Returns 0 and a number in *id, which must be given to relight_room_edit_end exactly once.
+ * -RELIGHT_E_ARGUMENT, -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Safe; waits for an edit of relight_room_edit. Blocks only while the socket is
+ * full. */
+int relight_room_edit_begin(struct relight_client *client, const char *room, const char *action,
+                            const char *me, uint64_t *id, struct relight_error *error);
+
+/* Waits for the answer of a relight_room_edit_begin. Returns as relight_room_edit; id is used
+ * up either way. Thread-safety: Safe, each id on one thread. Blocks until the answer is here.
+ */
+int relight_room_edit_end(struct relight_client *client, uint64_t id,
+                          struct relight_room_edited *out, struct relight_error *error);
+
+/* The `client` of this process's events (RoomEvent): 16 hex digits, "" where the system gives
+ * no random numbers. Returns a pointer that lives for ever. Thread-safety: Safe. Does not
+ * block. */
+const char *relight_room_author(void);
 
 /* Which scene of a room: one of pin, decision and revision, none for the scene as it is. */
 struct relight_room_view {

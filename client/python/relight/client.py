@@ -8,7 +8,8 @@ import os
 import time
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, Union
+from typing import (Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type,
+                    Union)
 
 import numpy as np
 import numpy.typing as npt
@@ -250,14 +251,17 @@ class Client:
     def load(self, file: Union[str, os.PathLike[str], None] = None, *, path: Optional[str] = None,
              size_mm: Optional[float] = None, mm_per_unit: Optional[float] = None,
              material: Optional[Material] = None, name: str = "", preview: bool = False,
-             wait: bool = True, progress: Optional[ProgressFn] = None, **bake: Any) -> str:
+             draft: bool = True, wait: bool = True, progress: Optional[ProgressFn] = None,
+             materials: Optional[Mapping[str, Material]] = None, **bake: Any) -> str:
         """Uploads and loads a model (file), or loads one of the daemon's folder (path); its id.
 
-        Without a material the bake leaves it open (joint transport). preview: no bake, pictures
-        come from the image-space engines. wait: until the bake is done; progress is called as in
-        upload. bake: fields of BakeSettings, such as samples=50000 or transport="wavelet".
+        Without a material the bake leaves it open (joint transport). materials: those of single
+        objects, by the name of a glTF material or node. preview: no bake, pictures
+        come from the image-space engines. draft: a draft answers until the bake is done. wait: until
+        the bake is done; progress is called as in upload. bake: fields of BakeSettings, such as
+        samples=50000 or transport="wavelet".
         """
-        request = message("LoadRequest", name=name, preview=preview)
+        request = message("LoadRequest", name=name, preview=preview, no_draft=not draft)
         if (file is None) == (path is None):
             raise RelightError("ARGUMENT", "load takes either a file to upload or a path at the daemon")
         if file is not None:
@@ -270,6 +274,7 @@ class Client:
         if mm_per_unit is not None:
             request.mm_per_unit = mm_per_unit
         request.material = self._material(material)
+        request.materials.extend(self._materials(materials))
         for key, value in bake.items():
             if key in ("transport", "storage"):
                 value = enum(key.capitalize(), key.upper() + "_", value)
@@ -321,6 +326,10 @@ class Client:
                 return f.read()
         return material or ""
 
+    def _materials(self, materials: Optional[Mapping[str, Material]]) -> List[Any]:
+        return [message("ObjectMaterial", object=name, material=self._material(one))
+                for name, one in (materials or {}).items()]
+
     def _lights(self, env: Union[Light, Sequence[Light], None], rotate: Union[float, Sequence[float]],
                 gain: Union[float, Vector, None]) -> Tuple[List[Any], bytes]:
         """A light is a word, a file, or an array [6, n, n, 3] of radiance."""
@@ -345,9 +354,9 @@ class Client:
         return lights, payload
 
     def _shade(self, material: Optional[Material], term: str, eye: Optional[Vector], engine: str,
-               max_error: float) -> Any:
+               max_error: float, materials: Optional[Mapping[str, Material]] = None) -> Any:
         shade = message("Shade", material=self._material(material), term=enum("Term", "TERM_", term),
-                        engine=enum("Engine", "ENGINE_", engine), max_error=max_error)
+                        materials=self._materials(materials), engine=enum("Engine", "ENGINE_", engine), max_error=max_error)
         if eye is not None:
             shade.eye.CopyFrom(_vec3(eye))
         return shade
@@ -356,19 +365,20 @@ class Client:
                rotate: Union[float, Sequence[float]] = 0.0, gain: Union[float, Vector, None] = None,
                material: Optional[Material] = None, term: str = "total", eye: Optional[Vector] = None,
                sum: bool = True, format: str = "f32", engine: str = "default",
-               max_error: float = 0.0) -> Floats:
+               max_error: float = 0.0, materials: Optional[Mapping[str, Material]] = None) -> Floats:
         """Linear RGB radiance of each vertex, [n, 3]; with sum=False [n_light, n, 3].
 
         env: "constant", "constant:R,G,B", "env:HASH", the name of an uploaded image, a file, an
         array [6, n, n, 3], or a list of these. rotate: degrees counter-clockwise about +y.
-        material: a preset's name, JSON, a JSON file or a dict (joint bakes). term: "total",
+        material: a preset's name, JSON, a JSON file or a dict (joint bakes). materials: those of
+        single objects, by the name of a glTF material or node; the others have material. term: "total",
         "multiple", "single" or "irradiance". eye: towards this point, in the model's units.
         format: on the wire: "f32", "f16", "rgb9e5", "srgb8", or "coefficients": small answers,
         which are multiplied here with the bake's factors; these are fetched once.
         """
         lights, payload = self._lights(env, rotate, gain)
         request = message("ColorsRequest", model=model, lights=lights, sum=sum,
-                          shade=self._shade(material, term, eye, engine, max_error),
+                          shade=self._shade(material, term, eye, engine, max_error, materials),
                           format=enum("ColorFormat", "COLOR_", format))
         planes = self._planes(model, self._call("COLORS", request, payload), format)
         first: Floats = planes[0]
@@ -420,18 +430,21 @@ class Client:
               camera: Optional[str] = None, eye: Optional[Vector] = None, target: Optional[Vector] = None,
               fovy: float = 0.0, orbit: Optional[Vector] = None, exposure: float = 0.0,
               background: Optional[Vector] = None, tone: str = "filmic", quality: int = 0,
-              samples: int = 0, max_error: float = 0.0) -> Image:
+              samples: int = 0, max_error: float = 0.0, floor: bool = False,
+              materials: Optional[Mapping[str, Material]] = None) -> Image:
         """A picture. format: "png", "jpg", "exr", or raw pixels "f16" (linear) and "rgb8".
 
         The camera frames the model, or is one of the model's file (camera), or looks from eye to
         target (the model's units), or from orbit: azimuth, elevation[, zoom] in degrees. Lights and
-        material as in colors; the first light is the background unless background is given.
+        materials as in colors; the first light is the background unless background is given.
+        floor: with the shadow of the model on a plane under it.
         """
         lights, payload = self._lights(env, rotate, gain)
         request = message("ImageRequest", model=model, lights=lights,
-                          shade=self._shade(material, term, None, engine, max_error),
+                          shade=self._shade(material, term, None, engine, max_error, materials),
                           picture=self._picture(size, format, camera, eye, target, fovy, orbit, exposure,
                                                 background, tone, quality, samples))
+        request.picture.floor = floor
         return self._image(self._call("IMAGE", request, payload), format)
 
     @staticmethod
@@ -447,7 +460,8 @@ class Client:
 
     def view(self, model: str, env: Light, *, rotate: float = 0.0, material: Optional[Material] = None,
              format: str = "rgb9e5", colors: bool = True, max_fps: int = 0,
-             size: Tuple[int, int] = (800, 600), orbit: Optional[Vector] = None) -> "View":
+             size: Tuple[int, int] = (800, 600), orbit: Optional[Vector] = None,
+             materials: Optional[Mapping[str, Material]] = None) -> "View":
         """A live view: a state that frames follow, newest state first.
 
         Frames are colours in one of the formats of colors(), or with colors=False JPEG pictures.
@@ -456,7 +470,7 @@ class Client:
         options = message("ViewOptions", max_fps=max_fps, window=2,
                           color_format=enum("ColorFormat", "COLOR_", format if colors else "f32"))
         state = message("ViewState", lights=lights, options=options,
-                        shade=self._shade(material, "total", None, "default", 0))
+                        shade=self._shade(material, "total", None, "default", 0, materials))
         if not colors:
             state.picture.CopyFrom(self._picture(size, "jpeg", None, None, None, 0, orbit, 0, None, "filmic", 0, 0))
         request = message("ViewOpenRequest", model=model, state=state, colors=colors)
@@ -490,7 +504,8 @@ class View:
             yield self.next()
 
     def set(self, *, rotate: Optional[float] = None, material: Optional[Material] = None,
-            orbit: Optional[Vector] = None, exposure: Optional[float] = None) -> int:
+            orbit: Optional[Vector] = None, exposure: Optional[float] = None,
+            materials: Optional[Mapping[str, Material]] = None) -> int:
         """Changes the state; what is not given stays. Its number, which frames repeat."""
         client = self._client
         state = message("ViewState")
@@ -500,6 +515,9 @@ class View:
         if material is not None:
             state.shade.material = client._material(material)
             state.fields.append("shade.material")
+        if materials is not None:
+            state.shade.materials.extend(client._materials(materials))
+            state.fields.append("shade.materials")
         if orbit is not None:
             state.picture.camera.orbit.CopyFrom(message("Orbit", azimuth_deg=orbit[0], elevation_deg=orbit[1]))
             state.fields.append("picture.camera")
