@@ -180,16 +180,26 @@ describe("the link", () => {
     tone: "none",
     background: [0.1, 0.2, 0.3],
     orbit: { azimuth: 12.5, elevation: -30, zoom: 2, panX: 0.5, panY: -0.25 },
+    compare: null,
   };
   test("holds the whole scene", () => {
     expect(fromFragment(`#${toFragment(scene)}`)).toEqual(scene);
     expect(fromFragment(toFragment(FIRST))).toEqual(FIRST);
+    const both: SceneState = { ...FIRST, compare: { mode: "wipe", at: 0.25, other: scene } };
+    expect(fromFragment(toFragment(both))).toEqual(both);
   });
   test("unreadable words take their defaults", () => {
     const odd = fromFragment(
       "#light=javascript:1@2,3&orbit=a,b,c&ev=1e99&term=x&background=1,2&tone=",
     );
     expect(odd).toEqual({ ...FIRST, exposure: 16 });
+    expect(fromFragment("#compare=wipe@x").compare).toBeNull();
+    expect(fromFragment("#compare=none@0.5&other=").compare).toBeNull();
+    expect(fromFragment("#compare=side@7&other=ev%3D2").compare).toEqual({
+      mode: "side",
+      at: 1,
+      other: { ...FIRST, exposure: 2 },
+    });
   });
   test("a turn needs no new texels, a tilt does", () => {
     expect(onlyTurned([FIRST_LAMP], [{ ...FIRST_LAMP, rotate: 5, gain: [2, 2, 2] }])).toBe(

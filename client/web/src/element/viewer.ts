@@ -251,14 +251,42 @@ export class RelightViewerElement extends HTMLElement {
         this.hasAttribute("camera-orbit") || !this.shown
           ? this.orbitOf(this.getAttribute("camera-orbit"))
           : this.state.orbit,
+      compare: null,
     };
     const alt = word("alt") || word("model") || "3D model";
     this.stage.setAttribute("aria-label", alt);
-    const poster = word("poster");
-    if (poster && !this.shown) {
+    const poster = word("poster") || this.drawnPoster();
+    if (poster && !this.shown && this.poster.src !== poster) {
       this.poster.src = poster;
-      this.poster.hidden = false;
+      this.poster.onload = () => (this.poster.hidden = this.shown);
     }
+  }
+
+  // The daemon's picture of the model by plain HTTP, which is there before script has connected:
+  // where the daemon has the light, and no token closes it. Empty: none.
+  private drawnPoster(): string {
+    const [lamp] = this.state.lamps;
+    if (!this.state.model || !lamp || lamp.tilt || this.getAttribute("token")) return "";
+    if (lamp.env.startsWith("page:")) return "";
+    const url = new URL(
+      `/v1/models/${encodeURIComponent(this.state.model)}/image.jpg`,
+      this.address().replace(/^ws/, "http"),
+    );
+    const side = (x: number, otherwise: number) => Math.min(1600, Math.max(32, x || otherwise));
+    const { background, exposure, tone, term, material } = this.state;
+    url.searchParams.set("env", lamp.env);
+    url.searchParams.set("rotate", String(lamp.rotate));
+    url.searchParams.set("gain", lamp.gain.join(","));
+    url.searchParams.set(
+      "size",
+      `${side(this.clientWidth, 400)}x${side(this.clientHeight, 300)}`,
+    );
+    url.searchParams.set("exposure", String(exposure));
+    url.searchParams.set("tone", tone);
+    if (term !== "total") url.searchParams.set("term", term);
+    if (material) url.searchParams.set("material", material);
+    if (background !== "environment") url.searchParams.set("background", background.join(","));
+    return url.href;
   }
 
   private async makeViewer(client: Client): Promise<void> {

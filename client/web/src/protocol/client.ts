@@ -9,6 +9,7 @@ import {
   type MessageShape,
 } from "@bufbuild/protobuf";
 import {
+  CancelRequestSchema,
   ErrorSchema,
   ErrorCode,
   GoawaySchema,
@@ -167,6 +168,12 @@ export class Client {
       },
       failed: ended,
     });
+  }
+
+  /** Ends a stream. */
+  cancel(id: bigint): void {
+    this.pending.delete(id);
+    this.notify(Type.Cancel, CancelRequestSchema, { id });
   }
 
   /** A one-way frame. */

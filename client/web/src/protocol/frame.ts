@@ -6,7 +6,7 @@ export const FLAG_MORE = 1;
 export const FLAG_LAST = 2;
 export const ANSWER = 0x8000;
 
-export const enum Type {
+export enum Type {
   Hello = 1,
   Ping = 2,
   List = 3,
@@ -29,6 +29,12 @@ export const enum Type {
   ViewAck = 24,
   GetBlob = 25,
   Factors = 27,
+  RoomCreate = 28,
+  RoomList = 29,
+  RoomGet = 30,
+  RoomEdit = 31,
+  RoomPicture = 32,
+  RoomPresence = 33,
   Goaway = 0xfffe,
   Error = 0xffff,
 }
@@ -107,6 +113,9 @@ export function halves(payload: Uint8Array, offset: number, n: number): Uint16Ar
 }
 export function shorts(payload: Uint8Array, offset: number, n: number): Int16Array {
   return new Int16Array(...section(payload, offset, n, 2));
+}
+export function bytes(payload: Uint8Array, offset: number, n: number): Int8Array {
+  return new Int8Array(...section(payload, offset, n, 1));
 }
 function section(
   payload: Uint8Array,

@@ -19,15 +19,15 @@ import {
   Scene,
   ShortType,
   UnsignedIntType,
-  WebGLRenderTarget,
+  WebGLArrayRenderTarget,
   type PixelFormat,
   type PixelFormatGPU,
-  type Texture,
   type TextureDataType,
   type WebGLRenderer,
 } from "three";
 import { Term, type Coefficients, type FactorsAnswer } from "../gen/relight_pb";
 import { halves, shorts, words } from "../protocol/frame";
+import { rowsOf, type VertexTexture } from "./vertex-colors";
 import { FACTOR_WIDTH, factorFragment, factorVertex, ROW_WIDTH, VERTEX_WIDTH } from "./shaders";
 
 const U_SCALE = 2 ** -20;
@@ -94,8 +94,8 @@ export function placesOf(
 export class Factors {
   readonly hash: bigint;
   private readonly tensors: Tensor[];
-  private readonly multiple: WebGLRenderTarget;
-  private readonly single: WebGLRenderTarget;
+  private readonly nVertex: number;
+  private target: WebGLArrayRenderTarget | null = null;
   private readonly scene = new Scene();
   private readonly camera = new Camera();
   private readonly material: RawShaderMaterial;
@@ -104,7 +104,7 @@ export class Factors {
   /** Throws where the sections contradict each other. */
   constructor(answer: FactorsAnswer, payload: Uint8Array) {
     this.hash = answer.factors;
-    const n = answer.nVertex;
+    const n = (this.nVertex = answer.nVertex);
     this.tensors = answer.tensors.map((tensor) => {
       const clusters = words(payload, Number(tensor.clustersOffset), 2 * tensor.nCluster);
       const order = words(payload, Number(tensor.orderOffset), n);
@@ -125,16 +125,6 @@ export class Factors {
         ),
       };
     });
-    const height = Math.max(1, Math.ceil(n / VERTEX_WIDTH));
-    const target = () =>
-      new WebGLRenderTarget(VERTEX_WIDTH, height, {
-        type: HalfFloatType,
-        minFilter: NearestFilter,
-        magFilter: NearestFilter,
-        depthBuffer: false,
-      });
-    this.multiple = target();
-    this.single = target();
     this.material = new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: factorVertex,
@@ -161,11 +151,27 @@ export class Factors {
     this.scene.add(all);
   }
 
-  get textures(): { multiple: Texture; single: Texture } {
-    return { multiple: this.multiple.texture, single: this.single.texture };
+  /** Where multiply() writes the parts of these coefficients. */
+  vertexTexture(light: Coefficients): VertexTexture {
+    const single = light.layers.filter(({ tensor }) => this.isSingle(tensor));
+    const layers = 1 + single.reduce((most, { nPhase }) => Math.max(most, nPhase), 0);
+    const old = this.target;
+    if (old?.depth === layers) return { texture: old.texture, layers };
+    old?.dispose();
+    const made = new WebGLArrayRenderTarget(VERTEX_WIDTH, rowsOf(this.nVertex), layers, {
+      type: HalfFloatType,
+      minFilter: NearestFilter,
+      magFilter: NearestFilter,
+      depthBuffer: false,
+    });
+    this.target = made;
+    return { texture: made.texture, layers };
+  }
+  private isSingle(tensor: number): boolean {
+    return this.tensors[tensor]?.term === Term.SINGLE;
   }
 
-  /** The values of all vertices under a light; n_plane planes are summed. */
+  /** The values of all vertices under a light, into vertexTexture(); n_plane planes are summed. */
   multiply(
     renderer: WebGLRenderer,
     light: Coefficients,
@@ -173,35 +179,42 @@ export class Factors {
     nPlane: number,
     planeBytes: number,
   ): void {
-    for (const target of [this.multiple, this.single]) {
-      renderer.setRenderTarget(target);
-      renderer.setClearColor(0, 0);
+    const { layers } = this.vertexTexture(light);
+    renderer.setClearColor(0, 0);
+    for (let i = 0; i < layers; i++) {
+      renderer.setRenderTarget(this.target, i);
       renderer.clear();
     }
     for (let plane = 0; plane < nPlane; plane++)
       for (const layer of light.layers) {
-        const tensor = this.tensors[layer.tensor];
-        if (!tensor) continue;
-        const at = plane * planeBytes + Number(layer.offset);
-        this.fillRows(
-          halves(payload, at, 3 * layer.nRow * layer.nPhase),
-          layer.nRow,
-          layer.nPhase,
+        const rows = halves(
+          payload,
+          plane * planeBytes + Number(layer.offset),
+          3 * layer.nRow * layer.nPhase,
         );
-        const u = this.material.uniforms;
-        if (u.factors) u.factors.value = tensor.factors;
-        if (u.places) u.places.value = tensor.places;
-        if (u.rows) u.rows.value = this.rows;
-        if (u.scale) u.scale.value = (layer.scales[plane] ?? 1) * U_SCALE;
-        renderer.setRenderTarget(tensor.term === Term.SINGLE ? this.single : this.multiple);
-        renderer.render(this.scene, this.camera);
+        for (let phase = 0; phase < layer.nPhase; phase++) {
+          this.fillRows(rows, layer.nRow, layer.nPhase, phase);
+          this.addLayer(renderer, layer.tensor, phase, (layer.scales[plane] ?? 1) * U_SCALE);
+        }
       }
     renderer.setRenderTarget(null);
     renderer.setClearColor(0, 1);
   }
 
-  // The first phase of each row, as texels of four halves.
-  private fillRows(from: Uint16Array, nRow: number, nPhase: number): void {
+  private addLayer(renderer: WebGLRenderer, index: number, phase: number, scale: number): void {
+    const tensor = this.tensors[index];
+    if (!tensor) return;
+    const u = this.material.uniforms;
+    if (u.factors) u.factors.value = tensor.factors;
+    if (u.places) u.places.value = tensor.places;
+    if (u.rows) u.rows.value = this.rows;
+    if (u.scale) u.scale.value = scale;
+    renderer.setRenderTarget(this.target, this.isSingle(index) ? 1 + phase : 0);
+    renderer.render(this.scene, this.camera);
+  }
+
+  // One phase of each row, as texels of four halves.
+  private fillRows(from: Uint16Array, nRow: number, nPhase: number, phase: number): void {
     const height = Math.max(1, Math.ceil(nRow / ROW_WIDTH));
     if (!this.rows || this.rows.image.height < height) {
       this.rows?.dispose();
@@ -216,7 +229,7 @@ export class Factors {
     }
     const to = this.rows.image.data as unknown as Uint16Array;
     for (let row = 0; row < nRow; row++)
-      for (let c = 0; c < 3; c++) to[4 * row + c] = from[3 * row * nPhase + c] ?? 0;
+      for (let c = 0; c < 3; c++) to[4 * row + c] = from[3 * (row * nPhase + phase) + c] ?? 0;
     this.rows.needsUpdate = true;
   }
 
@@ -226,8 +239,7 @@ export class Factors {
       tensor.places.dispose();
     }
     this.rows?.dispose();
-    this.multiple.dispose();
-    this.single.dispose();
+    this.target?.dispose();
     this.material.dispose();
   }
 }

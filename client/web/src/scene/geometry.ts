@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: MIT
 // GEOMETRY's answer as a mesh: positions, normals, triangles, and runs of triangles of one surface.
 import type { Block, GeometryAnswer, Surface } from "../gen/relight_pb";
-import { floats, words } from "../protocol/frame";
+import { bytes, floats, words } from "../protocol/frame";
 import { frameOf, type Frame } from "./camera";
 
 export interface Part {
+  /** Of GEOMETRY. */
+  block: number;
+  /** Index of the model's object. */
+  object: number;
   firstIndex: number;
   nIndex: number;
   opaque: boolean;
@@ -17,6 +21,9 @@ export interface Mesh {
   triangles: Uint32Array;
   uv: Float32Array | null;
   tint: Float32Array | null;
+  /** Spherical harmonics of the sky that the model hides from a vertex (PROTOCOL, INFO, LIST,
+   * GEOMETRY): [nVertex][16] in steps of 4/127; null: not known. */
+  blocked: Int8Array | null;
   parts: Part[];
   frame: Frame;
   mmPerUnit: number;
@@ -25,10 +32,23 @@ export interface Mesh {
 }
 
 function partsOf(answer: GeometryAnswer): Part[] {
-  const blocks: Block[] = answer.blocks.filter((block) => block.nTriangle > 0);
+  const blocks: [Block, number][] = answer.blocks
+    .map((block, i): [Block, number] => [block, i])
+    .filter(([block]) => block.nTriangle > 0);
   if (!blocks.length)
-    return [{ firstIndex: 0, nIndex: 3 * answer.nTriangle, opaque: false, surface: null }];
-  return blocks.map((block) => ({
+    return [
+      {
+        block: 0,
+        object: 0,
+        firstIndex: 0,
+        nIndex: 3 * answer.nTriangle,
+        opaque: false,
+        surface: null,
+      },
+    ];
+  return blocks.map(([block, i]) => ({
+    block: i,
+    object: block.object,
     firstIndex: 3 * block.triangleBegin,
     nIndex: 3 * block.nTriangle,
     opaque: !block.translucent,
@@ -52,6 +72,7 @@ export function meshOf(answer: GeometryAnswer, payload: Uint8Array): Mesh {
     triangles: words(payload, Number(answer.trianglesOffset), 3 * answer.nTriangle),
     uv: answer.nUv ? floats(payload, Number(answer.uvOffset), 2 * n) : null,
     tint: answer.colorOffset ? floats(payload, Number(answer.colorOffset), 4 * n) : null,
+    blocked: answer.blockedOffset ? bytes(payload, Number(answer.blockedOffset), 16 * n) : null,
     parts: partsOf(answer),
     frame: frameOf(positions, (v) => all || translucent[v] === 1),
     mmPerUnit: answer.mmPerUnit,

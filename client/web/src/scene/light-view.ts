@@ -81,6 +81,11 @@ export class LightView {
     if (!this.waits) this.send();
   }
 
+  /** Whether no frame is awaited and no change waits. */
+  get idle(): boolean {
+    return !this.waits && !this.next;
+  }
+
   private send(): void {
     const make = this.next;
     if (!make || this.closed) return;

@@ -30,37 +30,90 @@ vec3 fromCube(sampler2DArray faces, vec3 d, float n, float first) {
   return texture(faces, vec3(at, first + face)).rgb;
 }`;
 
+// Real spherical harmonics up to l = 3, in the order of PROTOCOL.md (FACTORS).
+const harmonics = /* glsl */ `
+void harmonics(vec3 d, out float y[16]) {
+  float x = d.x, v = d.y, z = d.z;
+  y[0] = 0.28209479;
+  y[1] = 0.48860251 * v; y[2] = 0.48860251 * z; y[3] = 0.48860251 * x;
+  y[4] = 1.09254843 * x * v; y[5] = 1.09254843 * v * z;
+  y[6] = 0.31539157 * (3.0 * z * z - 1.0);
+  y[7] = 1.09254843 * x * z; y[8] = 0.54627422 * (x * x - v * v);
+  y[9] = 0.59004359 * v * (3.0 * x * x - v * v); y[10] = 2.89061144 * x * v * z;
+  y[11] = 0.45704580 * v * (5.0 * z * z - 1.0); y[12] = 0.37317633 * z * (5.0 * z * z - 3.0);
+  y[13] = 0.45704580 * x * (5.0 * z * z - 1.0); y[14] = 1.44530572 * z * (x * x - v * v);
+  y[15] = 0.59004359 * x * (x * x - 3.0 * v * v);
+}
+// The direction inside whose refraction is w; c: cosine of w to the normal m.
+vec3 inwards(vec3 w, vec3 m, float c) {
+  return w / eta + (sqrt(1.0 - (1.0 - c * c) / (eta * eta)) - c / eta) * m;
+}`;
+
+// The vertex's parts (PROTOCOL, COLORS): layer 0 is M, layer 1 + k is S_k. N_SINGLE layers of
+// single scattering; N_PIXEL of them, from S_1 on, meet the direction of the pixel, and those
+// for which there are no varyings meet that of the vertex.
 const colorInput = /* glsl */ `
+uniform highp sampler2DArray vertexColors;
 out vec3 multiple;
 out vec3 single;
-#if SOURCE == 0
-in uint rgb9e5;
-#elif SOURCE == 1
-in vec3 halfColor;
-#else
-uniform highp sampler2D vertexColors;  // multiple scattering, VERTEX_WIDTH vertices a row
-uniform highp sampler2D vertexSingle;
+#if N_PIXEL > 0
+out vec3 phase[N_PIXEL];
 #endif
+vec3 part(int layer) {
+  return texelFetch(vertexColors, ivec3(gl_VertexID % VERTEX_WIDTH, gl_VertexID / VERTEX_WIDTH, layer), 0).rgb;
+}
 void readColors() {
+  multiple = part(0);
   single = vec3(0.0);
-#if SOURCE == 0
-  float k = exp2(float(rgb9e5 >> 27u) - 24.0);
-  multiple = k * vec3(uvec3(rgb9e5, rgb9e5 >> 9u, rgb9e5 >> 18u) & 511u);
-#elif SOURCE == 1
-  multiple = halfColor;
-#else
-  ivec2 texel = ivec2(gl_VertexID % VERTEX_WIDTH, gl_VertexID / VERTEX_WIDTH);
-  multiple = texelFetch(vertexColors, texel, 0).rgb;
-  single = texelFetch(vertexSingle, texel, 0).rgb;
+#if N_SINGLE > 0
+  single = part(1);
+#endif
+#if N_PIXEL > 0
+  for (int k = 1; k <= N_PIXEL; k++) phase[k - 1] = part(1 + k);
+#endif
+#if N_SINGLE > 1 + N_PIXEL
+  vec3 w = normalize(eye - position);
+  float y[16];
+  harmonics(inwards(w, normal, clamp(dot(w, normal), 0.0, 1.0)), y);
+  for (int k = 1 + N_PIXEL; k < N_SINGLE; k++) single += y[k] * part(1 + k);
 #endif
 }`;
 
 export const VERTEX_WIDTH = 256;
 
+// The sky that the model hides from a vertex, as spherical harmonics up to l = 3.
+const blockedInput = /* glsl */ `
+#ifdef BLOCKED
+in vec4 blocked0, blocked1, blocked2, blocked3;
+out vec4 hidden0, hidden1, hidden2, hidden3;
+void readBlocked() {
+  hidden0 = blocked0; hidden1 = blocked1; hidden2 = blocked2; hidden3 = blocked3;
+}
+#else
+void readBlocked() {}
+#endif`;
+
+// The share of a reflection from direction d that the model does not hide (PROTOCOL, GEOMETRY).
+const unblocked = /* glsl */ `
+#ifdef BLOCKED
+in vec4 hidden0, hidden1, hidden2, hidden3;
+float unblocked(vec3 d) {
+  float y[16];
+  harmonics(d, y);
+  float sum = dot(hidden0, vec4(y[0], y[1], y[2], y[3])) + dot(hidden1, vec4(y[4], y[5], y[6], y[7])) +
+    dot(hidden2, vec4(y[8], y[9], y[10], y[11])) + dot(hidden3, vec4(y[12], y[13], y[14], y[15]));
+  return clamp(3.0 * (1.0 - sum * (4.0 / 127.0)) - 0.7, 0.0, 1.0);
+}
+#else
+float unblocked(vec3 d) { return 1.0; }
+#endif`;
+
 export const surfaceVertex = /* glsl */ `
 precision highp float;
 precision highp int;
 uniform mat4 modelViewMatrix, projectionMatrix;
+uniform vec3 eye;
+uniform float eta;
 in vec3 position;
 in vec3 normal;
 in vec2 uv;
@@ -69,8 +122,11 @@ out vec3 at;
 out vec3 n;
 out vec2 coordinates;
 out vec4 vertexTint;
+${harmonics}
 ${colorInput}
+${blockedInput}
 void main() {
+  readBlocked();
   at = position;
   n = normal;
   coordinates = uv;
@@ -89,7 +145,6 @@ uniform float transmission;   // 1: F_t of the view over \`divisor\`; 0: none (a
 uniform float divisor;        // the factor that the colours already have
 uniform float viewSlope;      // of single scattering towards an eye (PROTOCOL, FACTORS)
 uniform float reflection;     // 1: reflections are added
-uniform float footprint;      // area of a pixel in points that are drawn
 uniform float opaque;
 uniform float split;          // share of the base colour that the bake has blurred
 uniform sampler2DArray lobes; // [6 levels][6 faces]
@@ -99,9 +154,14 @@ uniform bool hasBase, hasMap;
 in vec3 at, n, multiple, single;
 in vec2 coordinates;
 in vec4 vertexTint;
+#if N_PIXEL > 0
+in vec3 phase[N_PIXEL];
+#endif
 out vec4 color;
 ${tone}
 ${cube}
+${harmonics}
+${unblocked}
 vec3 reflected(vec3 d, float rough) {
   float k = rough <= 0.15 ? 0.0 : rough <= 0.3 ? 1.0 : rough <= 0.45 ? 2.0 : rough <= 0.65 ? 3.0 : 4.0;
   float lo = k == 0.0 ? 0.0 : k == 1.0 ? 0.15 : k == 2.0 ? 0.3 : k == 3.0 ? 0.45 : 0.65;
@@ -119,7 +179,7 @@ vec3 base() {
 void main() {
   vec3 w = normalize(eye - at), m = normalize(n);
   // The variance of normals over the pixel widens the lobe.
-  float variance = footprint * (dot(dFdx(m), dFdx(m)) + dot(dFdy(m), dFdy(m))) / 24.0;
+  float variance = (dot(dFdx(m), dFdx(m)) + dot(dFdy(m), dFdy(m))) / 24.0;
   float facing = abs(dot(normalize(cross(dFdx(at), dFdy(at))), w));
   float c = min(dot(w, m), 1.0), least = max(0.5 * facing, 1e-3), cc = max(c, least);
   // Interpolated normals that turn away from the eye are bent towards it.
@@ -132,11 +192,19 @@ void main() {
   float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
   float mirror = 0.5 * (rs * rs + rp * rp);
   float t = opaque > 0.5 || transmission < 0.5 ? 1.0 : (1.0 - mirror) / divisor;
-  vec3 body = multiple + (1.0 + viewSlope * (1.0 - ct)) * single;
+  vec3 inside = inwards(w, m, c), scattered = single;
+#if N_PIXEL > 0
+  float y[16];
+  harmonics(inside, y);
+  for (int k = 1; k <= N_PIXEL; k++) scattered += y[k] * phase[k - 1];
+#endif
+  // The slope belongs to the vertices' normals.
+  vec3 body = multiple + (1.0 + viewSlope * (1.0 - dot(n, inside))) * scattered;
   body = max(t * body, vec3(0.0)) * base();
   float spread = min(2.0 * variance, 0.18);
   float rough = spread > 1e-4 ? sqrt(sqrt(pow(roughness, 4.0) + spread)) : roughness;
-  if (reflection > 0.5 && opaque < 0.5) body += mirror * reflected(2.0 * c * m - w, rough);
+  vec3 from = 2.0 * c * m - w;
+  if (reflection > 0.5 && opaque < 0.5) body += mirror * unblocked(from) * reflected(from, rough);
   color = vec4(encoded(body), 1.0);
 }`;
 

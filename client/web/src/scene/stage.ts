@@ -9,11 +9,11 @@ import {
   DataArrayTexture,
   DataTexture,
   DoubleSide,
-  Float16BufferAttribute,
   FloatType,
   GLSL3,
   HalfFloatType,
-  IntType,
+  InterleavedBuffer,
+  InterleavedBufferAttribute,
   LinearFilter,
   LinearSRGBColorSpace,
   Matrix3,
@@ -31,6 +31,7 @@ import {
   DataUtils,
   type IUniform,
 } from "three";
+import type { ColorsAnswer } from "../gen/relight_pb";
 import type { Placed, Vec3 } from "./camera";
 import {
   bordered,
@@ -42,6 +43,7 @@ import {
   type Lamp,
 } from "./environment";
 import type { Mesh } from "./geometry";
+import { VertexColors, type VertexTexture } from "./vertex-colors";
 import {
   backgroundFragment,
   backgroundVertex,
@@ -57,9 +59,6 @@ export interface Medium {
   /** The factor that the colours already have: T̄, or the divisor of coefficients. */
   divisor: number;
   viewSlope: number;
-  /** Whether F_t of the view is applied (total) or not (a term by itself). */
-  transmission: boolean;
-  reflection: boolean;
 }
 export interface Look {
   /** EV. */
@@ -69,8 +68,8 @@ export interface Look {
   /** Linear RGB behind the model in place of the environment; null: the environment. */
   plain: Vec3 | null;
 }
-export type ColorSource = "rgb9e5" | "half" | "texture";
-const SOURCES: Record<ColorSource, number> = { rgb9e5: 0, half: 1, texture: 2 };
+/** Varyings of the surface, without those of the phases. */
+const VARYINGS = 10;
 /** Tone curve of the shader: none, linear radiance is kept. */
 const LINEAR = 3;
 
@@ -94,6 +93,18 @@ function fillHalf(texture: DataArrayTexture, values: Float32Array): void {
   texture.needsUpdate = true;
 }
 
+/** RGBA pictures of `width` pixels a row: the mean of each fine x fine block. */
+export function meanOfBlocks(points: Float32Array, width: number, fine: number): Float32Array {
+  const out = new Float32Array(points.length / (fine * fine));
+  for (let i = 0; i < points.length; i++) {
+    const x = Math.floor(i / 4) % width;
+    const y = Math.floor(i / 4 / width);
+    const to = 4 * ((Math.floor(y / fine) * width) / fine + Math.floor(x / fine)) + (i % 4);
+    out[to] = (out[to] ?? 0) + (points[i] ?? 0) / (fine * fine);
+  }
+  return out;
+}
+
 export class Stage {
   readonly canvas: HTMLCanvasElement;
   readonly renderer: WebGLRenderer;
@@ -110,7 +121,8 @@ export class Stage {
   private geometry: BufferGeometry | null = null;
   private parts: ThreeMesh<BufferGeometry, RawShaderMaterial>[] = [];
   private mesh: Mesh | null = null;
-  private source: ColorSource = "rgb9e5";
+  private readonly colors = new VertexColors();
+  private single = 0; // layers of single scattering
   private hasColors = false;
   private skyCube: Cube | null = null;
   private wantsPlain = true;
@@ -133,17 +145,11 @@ export class Stage {
       exposure: { value: 1 },
       curve: { value: 0 },
       eye: { value: new Vector3() },
-      eta: { value: 1.3 },
-      roughness: { value: 0.3 },
       transmission: { value: 1 },
-      divisor: { value: 1 },
-      viewSlope: { value: 0 },
       reflection: { value: 1 },
-      footprint: { value: 1 },
       split: { value: 0 },
       lobes: { value: this.lobes },
       vertexColors: { value: null },
-      vertexSingle: { value: null },
     };
     this.sky = new RawShaderMaterial({
       glslVersion: GLSL3,
@@ -195,6 +201,11 @@ export class Stage {
     all.setAttribute("normal", new BufferAttribute(mesh.normals, 3));
     if (mesh.uv) all.setAttribute("uv", new BufferAttribute(mesh.uv, 2));
     if (mesh.tint) all.setAttribute("tint", new BufferAttribute(mesh.tint, 4));
+    if (mesh.blocked) {
+      const sky = new InterleavedBuffer(mesh.blocked, 16);
+      for (let i = 0; i < 4; i++)
+        all.setAttribute(`blocked${i}`, new InterleavedBufferAttribute(sky, 4, 4 * i));
+    }
     all.setIndex(new BufferAttribute(mesh.triangles, 1));
     this.value("split", mesh.split);
     for (const part of mesh.parts) {
@@ -213,10 +224,18 @@ export class Stage {
         glslVersion: GLSL3,
         vertexShader: surfaceVertex,
         fragmentShader: surfaceFragment,
-        defines: { SOURCE: SOURCES[this.source], VERTEX_WIDTH },
+        defines: {
+          ...this.layerDefines(),
+          VERTEX_WIDTH,
+          ...(mesh.blocked ? { BLOCKED: 1 } : {}),
+        },
         side: DoubleSide,
         uniforms: {
           ...this.shared,
+          eta: { value: 1.3 },
+          roughness: { value: 0.3 },
+          divisor: { value: 1 },
+          viewSlope: { value: 0 },
           opaque: { value: part.opaque ? 1 : 0 },
           baseMap: { value: map },
           baseColor: { value: new Vector4(...(factor as [number, number, number, number])) },
@@ -236,53 +255,53 @@ export class Stage {
     if (uniform) uniform.value = value;
   }
 
-  private useSource(source: ColorSource): void {
-    if (source === this.source && this.hasColors) return;
-    this.source = source;
+  // Phases behind S_0 take a varying each; those beyond the browser's limit are shaded at the
+  // vertices.
+  private layerDefines(): Record<string, number> {
+    const free = this.renderer.capabilities.maxVaryings - VARYINGS;
+    return {
+      N_SINGLE: this.single,
+      N_PIXEL: Math.max(0, Math.min(this.single - 1, free)),
+    };
+  }
+
+  /** Colours as the daemon sends them, in RGB9E5 or halves. */
+  takeColors(answer: ColorsAnswer, payload: Uint8Array): void {
+    this.setColors(this.colors.take(answer, payload));
+  }
+
+  /** Colours of all vertices, as long as the texture lives. */
+  setColors({ texture, layers }: VertexTexture): void {
+    if (!this.mesh) return;
+    this.value("vertexColors", texture);
     this.hasColors = true;
-    for (const part of this.parts) {
-      part.material.defines.SOURCE = SOURCES[source];
-      part.material.needsUpdate = true;
-    }
-  }
-
-  /** Colours of all vertices, RGB9E5 words or halves [n][3]. */
-  setColors(colors: Uint32Array | Uint16Array): void {
-    if (!this.mesh || !this.geometry) return;
-    const packed = colors instanceof Uint32Array;
-    const name = packed ? "rgb9e5" : "halfColor";
-    if (colors.length !== this.mesh.nVertex * (packed ? 1 : 3)) return; // of another model
-    this.useSource(packed ? "rgb9e5" : "half");
-    const old = this.geometry.getAttribute(name) as BufferAttribute | undefined;
-    if (old) {
-      old.array.set(colors);
-      old.needsUpdate = true;
-    } else {
-      const attribute = packed
-        ? new BufferAttribute(colors.slice(), 1)
-        : new Float16BufferAttribute(colors.slice(), 3);
-      if (packed) attribute.gpuType = IntType;
-      this.geometry.setAttribute(name, attribute);
-      for (const part of this.parts) part.geometry.setAttribute(name, attribute);
+    if (layers - 1 !== this.single) {
+      this.single = layers - 1;
+      for (const part of this.parts) {
+        Object.assign(part.material.defines, this.layerDefines());
+        part.material.needsUpdate = true;
+      }
     }
     this.redraw();
   }
 
-  /** Colours of all vertices as textures of VERTEX_WIDTH a row: of multiple scattering, of single. */
-  setColorTextures(multiple: Texture, single: Texture): void {
-    this.value("vertexColors", multiple);
-    this.value("vertexSingle", single);
-    this.useSource("texture");
-    this.redraw();
-  }
-
-  setMedium(medium: Medium): void {
-    this.value("eta", medium.eta);
-    this.value("roughness", medium.roughness);
-    this.value("divisor", medium.divisor);
-    this.value("viewSlope", medium.viewSlope);
-    this.value("transmission", medium.transmission ? 1 : 0);
-    this.value("reflection", medium.reflection ? 1 : 0);
+  /** media: of each block of GEOMETRY, or one for all. */
+  setMedium(
+    media: readonly Medium[],
+    apply: { transmission: boolean; reflection: boolean },
+  ): void {
+    this.parts.forEach((part, i) => {
+      const block = this.mesh?.parts[i]?.block ?? 0;
+      const medium = media[media.length > 1 ? block : 0];
+      const u = part.material.uniforms;
+      if (!medium) return;
+      if (u.eta) u.eta.value = medium.eta;
+      if (u.roughness) u.roughness.value = medium.roughness;
+      if (u.divisor) u.divisor.value = medium.divisor;
+      if (u.viewSlope) u.viewSlope.value = medium.viewSlope;
+    });
+    this.value("transmission", apply.transmission ? 1 : 0);
+    this.value("reflection", apply.reflection ? 1 : 0);
     this.redraw();
   }
 
@@ -406,12 +425,12 @@ export class Stage {
     this.drawInto(null);
   }
 
-  private drawInto(target: WebGLRenderTarget | null): void {
+  private drawInto(target: WebGLRenderTarget | null, model = true): void {
     const { renderer } = this;
     renderer.setRenderTarget(target);
     renderer.clear();
     renderer.render(this.backdrop, new Camera());
-    if (this.hasColors && this.mesh) renderer.render(this.scene, this.camera);
+    if (model && this.hasColors && this.mesh) renderer.render(this.scene, this.camera);
     renderer.setRenderTarget(null);
   }
 
@@ -426,20 +445,26 @@ export class Stage {
     const curve: unknown = this.shared.curve?.value;
     for (const pass of this.before.splice(0)) pass();
     this.value("curve", LINEAR);
-    this.value("footprint", fine * fine);
     this.drawInto(target);
-    this.value("footprint", 1);
     this.value("curve", curve);
     const points = new Float32Array(w * h * 4);
     this.renderer.readRenderTargetPixels(target, 0, 0, w, h, points);
     target.dispose();
-    const out = new Float32Array(width * height * 4);
-    for (let i = 0; i < points.length; i++) {
-      const x = Math.floor(i / 4) % w;
-      const y = Math.floor(i / 4 / w);
-      const to = 4 * (Math.floor(y / fine) * width + Math.floor(x / fine)) + (i % 4);
-      out[to] = (out[to] ?? 0) + (points[i] ?? 0) / (fine * fine);
-    }
+    return meanOfBlocks(points, w, fine);
+  }
+
+  /** The picture as it is shown, RGBA of 8 bits, bottom row first; without the model: the background
+   * alone. */
+  readEncoded(width: number, height: number, model = true): Uint8Array {
+    const target = new WebGLRenderTarget(width, height, {
+      colorSpace: LinearSRGBColorSpace,
+      samples: 4,
+    });
+    for (const pass of this.before.splice(0)) pass();
+    this.drawInto(target, model);
+    const out = new Uint8Array(width * height * 4);
+    this.renderer.readRenderTargetPixels(target, 0, 0, width, height, out);
+    target.dispose();
     return out;
   }
 
@@ -460,6 +485,7 @@ export class Stage {
     this.setMesh(null);
     this.sky.dispose();
     this.lobes.dispose();
+    this.colors.dispose();
     this.renderer.dispose();
   }
 }

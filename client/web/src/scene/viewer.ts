@@ -30,8 +30,8 @@ import {
 } from "../gen/relight_pb";
 import type { Client } from "../protocol/client";
 import { RelightError } from "../protocol/errors";
-import { Type, words } from "../protocol/frame";
-import { meanTransmittance, surfaceOf } from "../state/material";
+import { Type } from "../protocol/frame";
+import { meanTransmittance, parseMedium, surfaceOf } from "../state/material";
 import { TONES, type SceneState } from "../state/scene-state";
 import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera";
 import { meshOf, type Mesh } from "./geometry";
@@ -108,7 +108,7 @@ export class Viewer {
   private status: Status = NO_STATUS;
   private pictureFrame = 0n;
   private sentFormat = ColorFormat.COLOR_RGB9E5;
-  private outgoing: Outgoing | null = null; // of coefficients
+  private outgoing: Outgoing[] = []; // of coefficients, and of colours in parts
   private readonly noWebGL: boolean;
 
   constructor(
@@ -159,15 +159,11 @@ export class Viewer {
     if (!stage) return;
     const { eta, roughness } = surfaceOf(state.material || this.info?.material || "{}");
     const total = state.term === "total";
-    const { outgoing } = this;
-    stage.setMedium({
-      eta,
-      roughness,
-      divisor: outgoing?.divisor || (total ? meanTransmittance(eta) : 1),
-      viewSlope: outgoing?.viewSlope ?? 0,
-      transmission: total,
-      reflection: total,
-    });
+    const divisor = total ? meanTransmittance(eta) : 1;
+    stage.setMedium(
+      this.outgoing.length ? this.outgoing : [{ eta, roughness, divisor, viewSlope: 0 }],
+      { transmission: total, reflection: total },
+    );
     stage.setLook({
       exposure: state.exposure,
       tone: TONES.indexOf(state.tone),
@@ -177,6 +173,15 @@ export class Viewer {
 
   private applyCamera(state: SceneState): void {
     if (this.frame) this.stage?.setCamera(this.placed(state), this.frame.radius);
+  }
+
+  /** The mesh that is drawn here; null: the daemon draws, or nothing is shown. */
+  get shape(): Mesh | null {
+    return this.mesh;
+  }
+  /** What the camera frames; null: it is not known yet. */
+  get framed(): Frame | null {
+    return this.frame;
   }
 
   /** The camera of a state, in the model's own units. */
@@ -325,7 +330,14 @@ export class Viewer {
 
   private format(state: SceneState): ColorFormat {
     const factored = this.factors && this.coefficients && state.term !== "irradiance";
-    return factored ? ColorFormat.COLOR_COEFFICIENTS : ColorFormat.COLOR_RGB9E5;
+    if (factored) return ColorFormat.COLOR_COEFFICIENTS;
+    // Planes of a phase function have negative numbers, which RGB9E5 has not.
+    return this.scattersEvenly(state) ? ColorFormat.COLOR_RGB9E5 : ColorFormat.COLOR_F16;
+  }
+
+  private scattersEvenly(state: SceneState): boolean {
+    const medium = parseMedium(state.material || this.info?.material || "{}");
+    return !medium || medium.g.every((g) => g === 0);
   }
 
   private async openView(
@@ -340,7 +352,7 @@ export class Viewer {
     const first: ViewInit = {
       lights,
       shade: this.shade(state),
-      options: { colorFormat: this.format(state), window: 2, maxFps: 60 },
+      options: { colorFormat: this.format(state), phases: true, window: 2, maxFps: 60 },
       ...(colors ? {} : { picture: this.picture(state) }),
     };
     this.sent = state;
@@ -458,29 +470,38 @@ export class Viewer {
       ...costOf(cost),
       mode: colors ? "mesh" : "pictures",
       why,
-      stream: !colors ? "pictures, JPEG" : this.outgoing ? "coefficients" : "colours, RGB9E5",
+      stream: !colors ? "pictures, JPEG" : this.stream(frame),
       latencyMs,
       frames: this.status.frames + 1,
     });
   }
 
   private drawColors(colors: ColorsAnswer, payload: Uint8Array): void {
-    const { stage, factors, state } = this;
+    const { stage, factors, state, mesh } = this;
     const light = colors.coefficients;
-    if (!stage || !state) return;
-    this.outgoing = light?.outgoing[0] ?? null;
-    if (!light) stage.setColors(words(payload, 0, colors.nVertex));
+    if (!stage || !state || mesh?.nVertex !== colors.nVertex) return; // of another model
+    this.outgoing = light?.outgoing ?? colors.outgoing;
+    if (!light) stage.takeColors(colors, payload);
     else if (factors && light.factors === factors.hash) {
       const { nPlane, planeBytes } = colors;
       stage.beforeNext(() =>
         factors.multiply(stage.renderer, light, payload, nPlane, Number(planeBytes)),
       );
-      stage.setColorTextures(factors.textures.multiple, factors.textures.single);
+      stage.setColors(factors.vertexTexture(light));
     } else {
       this.meshOf = ""; // another bake: its mesh and factors are fetched
       void this.open();
     }
     this.applyLook(state);
+  }
+
+  private stream(frame: ViewFrame): string {
+    const format = frame.colors?.format;
+    return format === ColorFormat.COLOR_COEFFICIENTS
+      ? "coefficients"
+      : format === ColorFormat.COLOR_F16
+        ? "colours, halves"
+        : "colours, RGB9E5";
   }
 
   private async drawPicture(frame: ViewFrame, payload: Uint8Array): Promise<void> {
@@ -565,6 +586,12 @@ export class Viewer {
       width: answer.message.width,
       height: answer.message.height,
     };
+  }
+
+  /** Whether the newest state is drawn: no frame is awaited, and the GPU is idle. */
+  get settled(): boolean {
+    const { view, stage } = this;
+    return view !== null && view.idle && this.lit !== "" && (!stage || stage.idle);
   }
 
   /** After a change of the element's size. */

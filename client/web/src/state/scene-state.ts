@@ -20,6 +20,17 @@ export const TONES: readonly Tone[] = ["filmic", "reinhard", "none"];
 /** "environment", or linear RGB. */
 export type Background = "environment" | Vec3;
 
+export type CompareMode = "side" | "wipe" | "difference";
+export const COMPARE_MODES: readonly CompareMode[] = ["side", "wipe", "difference"];
+/** A second state, B, beside the scene, which is A. */
+export interface Comparison {
+  mode: CompareMode;
+  /** Where the wipe stands, from the left; in [0, 1]. */
+  at: number;
+  /** Its own comparison is null, and its camera is not used. */
+  other: SceneState;
+}
+
 export interface SceneState {
   /** Id or name; empty: none is chosen. */
   model: string;
@@ -32,6 +43,7 @@ export interface SceneState {
   tone: Tone;
   background: Background;
   orbit: Orbit;
+  compare: Comparison | null;
 }
 
 export const FIRST_LAMP: LampState = {
@@ -49,4 +61,5 @@ export const FIRST: SceneState = {
   tone: "filmic",
   background: [0.018, 0.019, 0.022],
   orbit: START,
+  compare: null,
 };

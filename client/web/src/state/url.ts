@@ -3,10 +3,12 @@
 // defaults, so that a link of another version still opens.
 import { clampOrbit, START, type Vec3 } from "../scene/camera";
 import {
+  COMPARE_MODES,
   FIRST,
   FIRST_LAMP,
   TERMS,
   TONES,
+  type Comparison,
   type LampState,
   type SceneState,
 } from "./scene-state";
@@ -49,6 +51,18 @@ function lampFrom(text: string): LampState | null {
   return { env, rotate, tilt: Math.min(90, Math.max(-90, tilt)), gain };
 }
 
+// MODE@AT, and the other state as a fragment of its own
+function comparisonFrom(mode: string | null, other: string | null): Comparison | null {
+  const [word = "", at = ""] = (mode ?? "").split("@");
+  const known = COMPARE_MODES.find((one) => one === word);
+  if (!known || other === null) return null;
+  return {
+    mode: known,
+    at: number(at, 0.5, 0, 1),
+    other: { ...fromFragment(other), compare: null },
+  };
+}
+
 export function toFragment(scene: SceneState): string {
   const out = new URLSearchParams();
   if (scene.model) out.set("model", scene.model);
@@ -62,6 +76,11 @@ export function toFragment(scene: SceneState): string {
     out.set("background", list(scene.background, 4));
   const { azimuth, elevation, zoom, panX, panY } = scene.orbit;
   out.set("orbit", list([azimuth, elevation, zoom, ...(panX || panY ? [panX, panY] : [])], 3));
+  if (scene.compare) {
+    const { mode, at, other } = scene.compare;
+    out.set("compare", `${mode}@${round(at, 3)}`);
+    out.set("other", toFragment({ ...other, compare: null }));
+  }
   // Commas, colons and at-signs may stand in a fragment as they are.
   return out.toString().replace(/%2C/g, ",").replace(/%3A/g, ":").replace(/%40/g, "@");
 }
@@ -90,5 +109,6 @@ export function fromFragment(fragment: string): SceneState {
         : ((numbers(background, 3)?.map((x) => Math.max(0, x)) as Vec3 | undefined) ??
           FIRST.background),
     orbit: clampOrbit({ azimuth, elevation, zoom, panX, panY }),
+    compare: comparisonFrom(words.get("compare"), words.get("other")),
   };
 }

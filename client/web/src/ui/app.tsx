@@ -3,9 +3,13 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Icon, IconButton } from "./controls";
+import { state as room } from "../room/session";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
 import { Models, UploadSettings } from "./models";
+import { Pins } from "./pins";
+import { PrintView, ReviewPanel } from "./review-panel";
+import { RoomBar, Rooms, RoomsButton } from "./rooms";
 import { StageView } from "./stage-view";
 import {
   busy,
@@ -37,6 +41,7 @@ const TABS = [
   { id: "material", label: "Material", panel: MaterialPanel },
   { id: "view", label: "View", panel: ViewPanel },
 ] as const;
+const REVIEW = { id: "review", label: "Review", panel: ReviewPanel } as const;
 
 function TokenPrompt() {
   const text = useSignal("");
@@ -300,14 +305,20 @@ function useTurntable(on: boolean): void {
 }
 
 export function App() {
-  const tab = useSignal<(typeof TABS)[number]["id"]>("light");
+  const tab = useSignal<(typeof TABS)[number]["id"] | "review">("light");
+  const roomList = useSignal(false);
   const drawer = useSignal(false);
   const over = useSignal(false);
   const turning = useSignal(false);
   const copied = useSignal(false);
   useDrops(over);
   useTurntable(turning.value);
-  const Panel = TABS.find((one) => one.id === tab.value)?.panel ?? LightPanel;
+  const inRoom = room.value !== null;
+  useEffect(() => {
+    if (inRoom) tab.value = "review";
+  }, [inRoom]);
+  const tabs = inRoom ? [REVIEW, ...TABS] : TABS;
+  const Panel = tabs.find((one) => one.id === tab.value)?.panel ?? LightPanel;
   const name = info.value?.name || info.value?.model.slice(0, 12) || "Choose a model";
   const share = () => {
     void navigator.clipboard.writeText(location.href).then(() => {
@@ -330,6 +341,7 @@ export function App() {
         >
           <Icon name="models" /> <span>{name}</span>
         </button>
+        <RoomsButton open={roomList} />
         <span class="gap" />
         <IconButton
           icon="undo"
@@ -357,6 +369,8 @@ export function App() {
       </header>
       <main onPointerDownCapture={() => (turning.value = false)}>
         <StageView />
+        {inRoom && <Pins />}
+        <RoomBar />
         <Empty />
         <div class="overlay">
           <Notice />
@@ -370,10 +384,12 @@ export function App() {
           </div>
         )}
       </main>
+      <PrintView />
+      {roomList.value && <Rooms close={() => (roomList.value = false)} />}
       {drawer.value && <Models close={() => (drawer.value = false)} />}
       <aside class="panel" aria-label="Settings">
         <div class="tabs" role="tablist" aria-label="Settings">
-          {TABS.map((one) => (
+          {tabs.map((one) => (
             <button
               key={one.id}
               id={`tab-${one.id}`}

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 // The picture, and the hands on it.
 import { useEffect, useRef } from "preact/hooks";
+import type { ModelInfo } from "../gen/relight_pb";
 import { attachGestures } from "../scene/gestures";
-import { Viewer } from "../scene/viewer";
+import type { Status, Viewer } from "../scene/viewer";
+import { CompareStage } from "./compare";
 import { environmentName } from "./light-panel";
+import { makeViewer } from "./make-viewer";
 import {
-  client,
   commit,
-  fault,
-  fine,
   info,
   medium,
   resetOrbit,
@@ -19,16 +19,9 @@ import {
   useViewer,
 } from "./store";
 
-function hasWebGL2(): boolean {
-  if (new URLSearchParams(location.search).has("no-webgl")) return false;
-  const context = document.createElement("canvas").getContext("webgl2");
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return context !== null;
-}
-
 /** What is shown, in a sentence for screen readers. */
 export function description(): string {
-  const { orbit, lamps, exposure } = scene.value;
+  const { orbit, lamps, exposure, compare } = scene.value;
   const name = info.value?.name || info.value?.model.slice(0, 8);
   if (!name) return "No model is shown.";
   const lights = lamps.map(
@@ -36,7 +29,7 @@ export function description(): string {
   );
   return (
     `${name}${medium.value?.name ? ` in ${medium.value.name}` : ""}, lit by ${lights.join(" and ")}, ` +
-    `seen from azimuth ${Math.round(orbit.azimuth)} and elevation ${Math.round(orbit.elevation)} degrees` +
+    `${compare ? "compared with another state, " : ""}seen from azimuth ${Math.round(orbit.azimuth)} and elevation ${Math.round(orbit.elevation)} degrees` +
     `${exposure ? `, exposure ${exposure} EV` : ""}.`
   );
 }
@@ -45,16 +38,23 @@ export function StageView() {
   const host = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
   const picture = useRef<HTMLCanvasElement>(null);
+  const pane = useRef<HTMLDivElement>(null);
+  const { compare } = scene.value;
   useEffect(() => {
     const box = host.current;
-    if (!box || !canvas.current || !picture.current) return undefined;
+    const mine = pane.current;
+    if (!box || !mine || !canvas.current || !picture.current) return undefined;
     const nodes = { canvas: canvas.current, pictureCanvas: picture.current };
     let viewer: Viewer | null = null;
     let observer: ResizeObserver | null = null;
-    void makeViewer(nodes).then((made) => {
+    const events = {
+      status: (value: Status) => (status.value = value),
+      info: (value: ModelInfo | null) => (info.value = value),
+    };
+    void makeViewer(nodes, events).then((made) => {
       viewer = made;
       observer = new ResizeObserver(() => made.resized());
-      observer.observe(box);
+      observer.observe(mine);
       made.resized();
       useViewer(made);
       Object.assign(globalThis, { relightViewer: made }); // for tests and for the console
@@ -75,14 +75,18 @@ export function StageView() {
   return (
     <div
       ref={host}
-      class="stage"
+      class={`stage ${compare?.mode ?? ""}`}
+      style={{ "--at": `${100 * (compare?.at ?? 1)}%` }}
       tabIndex={0}
       role="application"
       aria-label="Model"
       aria-describedby="stage-help stage-text"
     >
-      <canvas ref={canvas} class="gl" aria-hidden="true" />
-      <canvas ref={picture} class="picture" aria-hidden="true" hidden />
+      <div ref={pane} class="pane a">
+        <canvas ref={canvas} class="gl" aria-hidden="true" />
+        <canvas ref={picture} class="picture" aria-hidden="true" hidden />
+      </div>
+      {compare && <CompareStage />}
       <p id="stage-text" class="for-readers" aria-live="polite">
         {description()}
       </p>
@@ -92,25 +96,4 @@ export function StageView() {
       </p>
     </div>
   );
-}
-
-async function makeViewer(nodes: {
-  canvas: HTMLCanvasElement;
-  pictureCanvas: HTMLCanvasElement;
-}): Promise<Viewer> {
-  const { Stage } = await import("../scene/stage");
-  let stage: InstanceType<typeof Stage> | null = null;
-  if (hasWebGL2()) {
-    try {
-      stage = new Stage(nodes.canvas);
-    } catch {
-      stage = null; // pictures of the daemon instead
-    }
-  }
-  return new Viewer(client, nodes, stage, {
-    status: (value) => (status.value = value),
-    info: (value) => (info.value = value),
-    fault,
-    fine,
-  });
 }

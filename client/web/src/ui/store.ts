@@ -95,6 +95,13 @@ export const client = new Client(
 );
 export let viewer: Viewer | null = null;
 
+const others = new Set<Viewer>();
+/** Another viewer of this connection; returns what forgets it. */
+export function alsoViewer(made: Viewer): () => void {
+  others.add(made);
+  return () => others.delete(made);
+}
+
 export function useViewer(made: Viewer): void {
   viewer = made;
   if (connection.value.is === "ready") viewer.show(scene.value);
@@ -104,8 +111,10 @@ export function useViewer(made: Viewer): void {
 
 const undone = signal<SceneState[]>([]);
 const done = signal<SceneState[]>([]);
-export const canUndo = computed(() => done.value.length > 0);
-export const canRedo = computed(() => undone.value.length > 0);
+/** In a room undo and redo are the room's. */
+export const roomHistory = signal<{ undo: () => void; redo: () => void } | null>(null);
+export const canUndo = computed(() => roomHistory.value !== null || done.value.length > 0);
+export const canRedo = computed(() => roomHistory.value !== null || undone.value.length > 0);
 let committed = scene.value;
 
 /** Changes the scene; commit() makes a step of it. */
@@ -134,8 +143,8 @@ function step(from: typeof done, to: typeof done): void {
   scene.value = next;
   history.replaceState(null, "", `#${toFragment(next)}`);
 }
-export const undo = () => step(done, undone);
-export const redo = () => step(undone, done);
+export const undo = () => (roomHistory.value ? roomHistory.value.undo() : step(done, undone));
+export const redo = () => (roomHistory.value ? roomHistory.value.redo() : step(undone, done));
 
 addEventListener("popstate", () => {
   scene.value = committed = fromFragment(location.hash);
@@ -193,11 +202,13 @@ function connectionChanged(state: ConnectionState): void {
     subscribe();
     viewer?.show(scene.value);
     void viewer?.open();
+    for (const one of others) void one.open();
   } else if (state.is === "refused") fault(state.error);
 }
 
 /** Reads the lists of models and environments anew. */
 export async function refresh(): Promise<void> {
+  if (client.hello?.principal.startsWith("guest:")) return; // a room alone
   try {
     const { message } = await client.request(
       Type.List,

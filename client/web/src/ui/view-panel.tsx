@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // View: exposure, tone curve, background, the part of the light that is shown, pictures to keep.
 import { TERMS, TONES, type Term, type Tone } from "../state/scene-state";
+import { ComparePanel } from "./compare";
 import { Choice, Icon, Section, Slider } from "./controls";
 import { change, commit, resetOrbit, scene, screenshot, set } from "./store";
 import type { Vec3 } from "../scene/camera";
@@ -73,6 +74,7 @@ export function ViewPanel() {
             "Light that arrives at the surface; it is traced and takes seconds."}
         </p>
       </Section>
+      <ComparePanel />
       <Section title="Keep">
         <div class="row">
           <button type="button" onClick={() => void screenshot("png")}>
