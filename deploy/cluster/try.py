@@ -1,0 +1,417 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""The part of `try` between the services: replicas, the proxy, clients, faults, and the account of it.
+
+   try.py FOLDER_OF_THE_PROGRAMS FOLDER_OF_HAPROXY_CFG      under with_slurm and with_postgres"""
+import http.client
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+BIN, HERE = sys.argv[1], sys.argv[2]
+for package in (os.path.join(BIN, "../python"), os.path.join(BIN, "../lib/python3/dist-packages")):
+    if os.path.isdir(package):
+        sys.path.insert(0, package)
+try:
+    import relight
+except ImportError as fault:
+    print("skipped: the Python client is not built: %s (deploy/dependencies --cluster)" % fault)
+    sys.exit(77)
+
+FOLDER = tempfile.mkdtemp(prefix="relight-cluster-")
+DATABASE = os.environ["RELIGHT_TEST_POSTGRES"]
+BAKE = {"transport": "wavelet", "cube": 16, "material": "marble"}
+bad = []
+
+
+def free_ports(n):
+    sockets = [socket.socket() for _ in range(n)]
+    for s in sockets:
+        s.bind(("127.0.0.1", 0))
+    ports = [s.getsockname()[1] for s in sockets]
+    for s in sockets:
+        s.close()
+    return ports
+
+
+def say(text):
+    print("%6.1f s  %s" % (time.monotonic() - BEGIN, text), flush=True)
+
+
+def hold(what, good):
+    """One line of the account; a line that is wrong fails the trial."""
+    say(("       " if good else "WRONG  ") + what)
+    if not good:
+        bad.append(what)
+
+
+def until(seconds, call):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            got = call()
+            if got:
+                return got
+        except (relight.RelightError, OSError, ValueError):
+            pass
+        time.sleep(0.02)
+    return None
+
+
+class Replica:
+    def __init__(self, number, tcp, web):
+        self.number, self.tcp, self.web = number, tcp, web
+        self.address = "tcp:127.0.0.1:%d" % tcp
+        self.socket = "unix:%s/s%d" % (FOLDER, number)
+        self.start()
+
+    def start(self):
+        log = open("%s/replica%d.log" % (FOLDER, self.number), "ab")
+        self.process = subprocess.Popen(
+            [BIN + "/relightd", "--data", "%s/data%d" % (FOLDER, self.number), "--store", FOLDER + "/shared",
+             "--rooms", DATABASE, "--runner", "slurm", "--slurm-folder", FOLDER + "/shared/slurm",
+             "--slurm-tasks", "2", "--bake-threads", "1", "--listen", self.address, "--listen", self.socket,
+             "--http", "127.0.0.1:%d" % self.web, "--proxies", "127.0.0.2", "--store-poll", "0.5",
+             "--lame-duck", "2", "--drain", "5"], stderr=log)
+        log.close()
+
+    def ready(self):
+        return ask(self.web, "/readyz")[0] == 200
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def restart(self):
+        self.process.terminate()
+        status = self.process.wait(30)
+        self.start()
+        return status
+
+
+def ask(port, path, timeout=10):
+    c = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout)
+    try:
+        c.request("GET", path)
+        answer = c.getresponse()
+        return answer.status, answer.read()
+    finally:
+        c.close()
+
+
+def command(server, *words, seconds=30):
+    done = subprocess.run([BIN + "/relight", "-s", server, *words], capture_output=True, timeout=seconds,
+                          env=dict(os.environ, USER="ann"), check=False)
+    return done.returncode, done.stdout.decode(), done.stderr.decode()
+
+
+def ball(path, rings=10):
+    """A ball of triangles."""
+    with open(path, "w", encoding="ascii") as f:
+        for i in range(1, rings):
+            for k in range(2 * rings):
+                t, p = math.pi * i / rings, math.pi * k / rings
+                f.write("v %.9g %.9g %.9g\n" % (math.sin(t) * math.cos(p), math.cos(t), math.sin(t) * math.sin(p)))
+        f.write("v 0 1 0\nv 0 -1 0\n")
+        n = 2 * rings
+        at = lambda i, k: n * i + k % n + 1  # noqa: E731
+        for i in range(rings - 2):
+            for k in range(n):
+                f.write("f %d %d %d\nf %d %d %d\n" % (at(i, k), at(i, k + 1), at(i + 1, k),
+                                                      at(i, k + 1), at(i + 1, k + 1), at(i + 1, k)))
+        low = n * (rings - 1)
+        for k in range(n):
+            f.write("f %d %d %d\nf %d %d %d\n" % (low + 1, at(0, k + 1), at(0, k),
+                                                  low + 2, at(rings - 2, k), at(rings - 2, k + 1)))
+
+
+# ---- clients: each a thread; they go on until `stop` is set
+
+stop = threading.Event()
+
+
+class Client(threading.Thread):
+    """One client: steps one after another, connected again where the connection is lost."""
+
+    def __init__(self, address, model):
+        super().__init__(daemon=True)
+        self.address, self.model = address, model
+        self.steps = self.reconnects = self.failed = 0
+        self.last, self.gap, self.errors = time.monotonic(), 0.0, []
+
+    def mark(self):
+        """(steps, reconnects, failed), and the longest gap begins anew."""
+        self.gap = 0.0
+        return self.steps, self.reconnects, self.failed
+
+    def run(self):
+        while not stop.is_set():
+            try:
+                with relight.Client(self.address, timeout=10) as client:
+                    self.begin(client)
+                    while not stop.is_set():
+                        self.step(client)
+                        now = time.monotonic()
+                        self.gap = max(self.gap, now - self.last)
+                        self.last = now
+                        self.steps += 1
+            except (relight.RelightError, OSError, TimeoutError) as error:
+                if stop.is_set():
+                    return
+                code = getattr(error, "code", "DISCONNECTED")
+                if code in ("DISCONNECTED", "UNREACHABLE", "SHUTTING_DOWN", "CANCELLED", "BUSY"):
+                    self.reconnects += 1
+                else:
+                    self.failed += 1
+                    self.errors.append("%s: %s" % (code, error))
+                time.sleep(0.05)
+
+
+class Colours(Client):
+    def begin(self, client):
+        self.turn = 0
+
+    def step(self, client):
+        self.turn += 7
+        client.colors(self.model, "constant", rotate=self.turn % 360)
+        time.sleep(0.02)
+
+
+class Viewer(Client):
+    def begin(self, client):
+        self.view = client.view(self.model, "constant")
+        self.turn = 0
+
+    def step(self, client):
+        self.turn += 5
+        self.view.set(rotate=self.turn % 360)
+        self.view.next(timeout=10)
+        time.sleep(0.03)
+
+
+class Pictures(threading.Thread):
+    """A browser's pictures through the proxy: every one has to come."""
+
+    def __init__(self, port, model):
+        super().__init__(daemon=True)
+        self.port, self.model = port, model
+        self.steps, self.failed, self.errors = 0, 0, []
+
+    def run(self):
+        while not stop.is_set():
+            try:
+                status, _ = ask(self.port, "/v1/models/%s/image.png?env=constant&size=64x48" % self.model)
+            except OSError as error:
+                status = str(error)
+            self.steps += 1
+            if status != 200:
+                self.failed += 1
+                self.errors.append(str(status))
+            time.sleep(0.05)
+
+
+class Writer(threading.Thread):
+    """Edits of a room, one after another; remembers those that were acknowledged."""
+
+    def __init__(self, server, room):
+        super().__init__(daemon=True)
+        self.server, self.room = server, room
+        self.acknowledged, self.refused, self.times = [], 0, []
+
+    def run(self):
+        number = 0
+        while not stop.is_set():
+            text = "reply %d" % number
+            code, _, _ = command(self.server, "room", "reply", self.room, self.pin, text)
+            if code == 0:
+                self.acknowledged.append(text)
+                self.times.append(time.monotonic())
+                number += 1
+            else:
+                self.refused += 1
+            time.sleep(0.05)
+
+
+def room_state(server, room):
+    code, out, err = command(server, "room", "show", room, "--json")
+    return json.loads(out) if code == 0 else None
+
+
+# ---- the trial
+
+def overhead(proxy, direct):
+    """Median milliseconds of a GET through the proxy and without it, on one connection each."""
+    medians = []
+    for port in (proxy, direct):
+        c = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        times = []
+        for _ in range(400):
+            t = time.perf_counter()
+            c.request("GET", "/healthz")
+            c.getresponse().read()
+            times.append((time.perf_counter() - t) * 1e3)
+        medians.append(statistics.median(times))
+        c.close()
+    return medians
+
+
+def account(clients, marks, what):
+    """What each client saw since its mark."""
+    worst = 0.0
+    for c, (steps, reconnects, failed) in zip(clients, marks):
+        worst = max(worst, c.gap)
+        say("       %-8s %4d answers, %d connected again, %d failed, longest gap %.2f s"
+            % (type(c).__name__.lower(), c.steps - steps, c.reconnects - reconnects, c.failed - failed, c.gap))
+    hold("%s: no request failed" % what, all(c.failed == m[2] for c, m in zip(clients, marks)))
+    return worst
+
+
+def main():
+    os.makedirs(FOLDER + "/shared/slurm")
+    ports = free_ports(6)
+    web, tcp = ports[4], ports[5]
+    replicas = [Replica(1, ports[0], ports[1]), Replica(2, ports[2], ports[3])]
+    env = dict(os.environ, RELIGHT_FRONT="127.0.0.1", RELIGHT_HTTP_PORT=str(web), RELIGHT_TCP_PORT=str(tcp),
+               RELIGHT_SOURCE="127.0.0.2", RELIGHT_PROXY_SOCKET=FOLDER + "/haproxy.sock",
+               RELIGHT_1="127.0.0.1:%d" % ports[1], RELIGHT_2="127.0.0.1:%d" % ports[3],
+               RELIGHT_1_TCP="127.0.0.1:%d" % ports[0], RELIGHT_2_TCP="127.0.0.1:%d" % ports[2],
+               RELIGHT_1_PORT=str(ports[1]), RELIGHT_2_PORT=str(ports[3]))
+    with open(FOLDER + "/haproxy.log", "wb") as log:
+        proxy = subprocess.Popen(["haproxy", "-db", "-f", HERE + "/haproxy.cfg"], env=env, stderr=log, stdout=log)
+    front = "tcp:127.0.0.1:%d" % tcp
+    clients, pictures, writer = [], None, None
+    try:
+        hold("two replicas are ready behind HAProxy, PostgreSQL and Slurm run",
+             bool(until(30, lambda: all(r.ready() for r in replicas) and ask(web, "/readyz")[0] == 200)))
+        through, direct = overhead(web, ports[1])
+        say("       a GET takes %.2f ms through the proxy, %.2f ms without (median): it adds %.2f ms"
+            % (through, direct, through - direct))
+
+        ball(FOLDER + "/ball.obj")
+        with relight.Client(front) as c:
+            model = c.load(FOLDER + "/ball.obj", size_mm=10, name="ball", samples=3000, **BAKE)
+        hold("a model was loaded through the proxy, and baked by two tasks of Slurm", True)
+        for r in replicas:
+            with relight.Client(r.socket) as c:
+                c.colors(model, "constant")
+        hold("either replica answers for it", True)
+
+        code, out, err = command(front, "room", "create", "review", "--model", model, "--env", "constant",
+                                 "--size", "96x64")
+        room = re.search(r"[0-9a-f]{32}", out)
+        hold("a review room in PostgreSQL", room is not None)
+        room = room.group(0)
+        times = []
+        for i in range(4):
+            a, b = replicas[i % 2], replicas[1 - i % 2]
+            room_state(b.socket, room)
+            code, out, err = command(a.address, "room", "pin", room, "crossing %d" % i, "--at", "0,2,0.3,0.2")
+            t = time.monotonic()
+            seen = until(5, lambda: ("crossing %d" % i) in json.dumps(room_state(b.socket, room) or {}))
+            times.append((time.monotonic() - t) * 1e3 if seen else 9999)
+        hold("a pin crosses from one replica to the other in %.0f ms at most, a command's start included"
+             % max(times), max(times) < 1000)
+
+        writer = Writer(front, room)
+        writer.pin = "2" # a room's first event is its creation
+        clients = [Viewer(front, model), Viewer(front, model), Colours(front, model), Colours(front, model)]
+        pictures = Pictures(web, model)
+        for thread in [*clients, pictures, writer]:
+            thread.start()
+        time.sleep(3)
+
+        marks = [c.mark() for c in clients]
+        pictures_before = pictures.failed
+        replicas[0].kill()
+        time.sleep(2)
+        replicas[0].start()
+        until(20, replicas[0].ready)
+        time.sleep(2)
+        worst = account(clients, marks, "replica 1 killed (SIGKILL), started again 2 s later")
+        hold("the longest gap is %.2f s (goal 2 s)" % worst, worst < 4)
+        hold("%d pictures of a browser failed meanwhile" % (pictures.failed - pictures_before),
+             pictures.failed - pictures_before <= 1)
+
+        marks = [c.mark() for c in clients]
+        with open(os.environ["RELIGHT_TEST_POSTGRES_PID"], encoding="ascii") as f:
+            os.kill(int(f.read()), signal.SIGKILL)
+        killed = time.monotonic()
+        end = time.monotonic() + 40
+        back = None
+        while time.monotonic() < end and not (back and writer.times and writer.times[-1] > back):
+            ready = subprocess.run(["psql", "-qtc", "SELECT 1", DATABASE], capture_output=True, check=False)
+            if ready.returncode == 0 and not back:
+                back = time.monotonic()
+            time.sleep(0.05)
+        resumed = min((t for t in writer.times if back and t > back), default=None)
+        account(clients, marks, "PostgreSQL killed (SIGKILL), back after %.1f s" % ((back or end) - killed))
+        hold("edits of rooms go on %.1f s after the database is back (goal 3 s)" % ((resumed or end) - (back or end)),
+             resumed is not None and resumed - back < 6)
+
+        marks = [c.mark() for c in clients]
+        with relight.Client(front) as c:
+            slow = c.load(FOLDER + "/ball.obj", size_mm=12, name="slow", samples=12000, wait=False, **BAKE)
+        array = until(20, lambda: open("%s/shared/slurm/%s/.slurm/array" % (FOLDER, slow), encoding="ascii").read())
+        array = array.split()[0] if array else "0"
+        until(20, lambda: subprocess.run(["squeue", "-h", "-t", "R", "-j", array], capture_output=True,
+                                         check=False).stdout.strip())
+        subprocess.run(["scontrol", "requeue", array + "_0"], check=False)
+        done = until(120, lambda: command(front, "info", slow)[1].find("state: ready") > 0)
+        account(clients, marks, "a task of a bake lost and queued again by Slurm")
+        hold("its bake became ready all the same", bool(done))
+
+        marks = [c.mark() for c in clients]
+        pictures_before, refused = pictures.failed, writer.refused
+        statuses = []
+        for r in replicas:
+            statuses.append(r.restart())
+            until(20, r.ready)
+            time.sleep(1.5)
+        account(clients, marks, "both replicas restarted in turn")
+        hold("they ended by themselves: %s" % statuses, statuses == [0, 0])
+        hold("%d pictures of a browser and %d edits failed meanwhile"
+             % (pictures.failed - pictures_before, writer.refused - refused),
+             pictures.failed == pictures_before)
+
+        stop.set()
+        for thread in [*clients, pictures, writer]:
+            thread.join(20)
+        states = [until(10, lambda r=r: room_state(r.socket, room)) for r in replicas]
+        texts = [json.dumps(s, sort_keys=True) for s in states]
+        missing = [t for t in writer.acknowledged if json.dumps(t)[1:-1] not in texts[0]]
+        hold("%d edits were acknowledged, %d refused, %d lost" % (len(writer.acknowledged), writer.refused,
+                                                                len(missing)), not missing)
+        hold("both replicas have the same room, sequence %s" % (states[0] or {}).get("sequence"),
+             states[0] is not None and texts[0] == texts[1])
+        for c in [*clients, pictures]:
+            for text in c.errors[:3]:
+                say("       %s: %s" % (type(c).__name__.lower(), text))
+    finally:
+        stop.set()
+        for process in [proxy, *[r.process for r in replicas]]:
+            process.terminate()
+        for process in [proxy, *[r.process for r in replicas]]:
+            try:
+                process.wait(15)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        if os.environ.get("RELIGHT_TRY_KEEP") or bad:
+            print("logs: " + FOLDER)
+        else:
+            shutil.rmtree(FOLDER, ignore_errors=True)
+    print("%d of the account's lines are wrong" % len(bad) if bad else "all as it should be")
+    sys.exit(1 if bad else 0)
+
+
+BEGIN = time.monotonic()
+main()
