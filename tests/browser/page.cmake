@@ -8,6 +8,7 @@ if(TARGET page)
   add_test(NAME page_units COMMAND ${web}/node_modules/.bin/vitest run WORKING_DIRECTORY ${web})
   add_test(NAME page_browser COMMAND ${NODE_PROGRAM} ${CMAKE_CURRENT_LIST_DIR}/page.mjs
     ${CMAKE_BINARY_DIR}/bin ${web})
-  set_tests_properties(page_types page_style page_units page_browser PROPERTIES LABELS browser
+  add_test(NAME page_package COMMAND ${NODE_PROGRAM} ${CMAKE_CURRENT_LIST_DIR}/package.mjs ${web})
+  set_tests_properties(page_types page_style page_units page_browser page_package PROPERTIES LABELS browser
     TIMEOUT 600 SKIP_RETURN_CODE 77)
 endif()

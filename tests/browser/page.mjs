@@ -3,6 +3,7 @@
 // with its own assertions. Arguments: the folder of the programs, the folder of client/web, and
 // optionally a folder for screenshots. Exits with 77 where there is no Chromium.
 import { spawn, spawnSync } from "node:child_process";
+import { createServer } from "node:http";
 import {
   existsSync,
   mkdirSync,
@@ -15,6 +16,7 @@ import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import assert from "node:assert/strict";
+import { roomScenarios } from "./rooms.mjs";
 
 const [bin, web, shots] = process.argv.slice(2);
 const require = createRequire(join(web, "package.json"));
@@ -205,20 +207,32 @@ async function drag(page, from, by, key) {
 }
 
 // Relative RMSE in linear light between what the page draws and the daemon's picture of the same
-// state, without pixels near an edge of the shape, where the two sample coverage differently.
+// state, without pixels near an edge of the shape, where the two sample coverage differently. Both
+// compute 3 x 3 points a pixel, so that the point of a pixel that is shaded matters little.
 const againstDaemon = (page) =>
   page.evaluate(async () => {
     const v = globalThis.relightViewer;
     const [w, h] = [v.canvas.clientWidth, v.canvas.clientHeight];
     const drawn = v.stage.readLinear(w, h);
-    const still = await v.still(5 /* IMAGE_F16 */, { width: w, height: h });
+    const fine = 3;
+    const still = await v.still(5 /* IMAGE_F16 */, {
+      width: fine * w,
+      height: fine * h,
+    });
     const bits = new Uint16Array(still.bytes.slice().buffer);
     const half = (x) => {
       const e = (x >> 10) & 31;
       const m = x & 1023;
       return (x >> 15 ? -1 : 1) * (e ? 2 ** (e - 15) * (1 + m / 1024) : m * 2 ** -24);
     };
-    const at = (x, y, c) => half(bits[3 * (y * w + x) + c]);
+    const theirs = new Float32Array(3 * w * h);
+    for (let i = 0; i < bits.length; i++) {
+      const x = Math.floor(i / 3) % (fine * w);
+      const y = Math.floor(i / 3 / (fine * w));
+      const to = 3 * (Math.floor(y / fine) * w + Math.floor(x / fine)) + (i % 3);
+      theirs[to] += half(bits[i]) / fine ** 2;
+    }
+    const at = (x, y, c) => theirs[3 * (y * w + x) + c];
     const mine = (x, y, c) => drawn[4 * ((h - 1 - y) * w + x) + c];
     const plain = [0, 1, 2].map((c) => at(0, 0, c));
     const inside = (x, y) =>
@@ -259,22 +273,41 @@ const scenarios = {
     await page.context().close();
   },
 
-  async "colours and coefficients give the same picture of multiple scattering"(home) {
-    const page = await open(`${home}/#model=marble.prt&light=page:window@40,0&term=multiple`);
-    await mode(page, "mesh");
-    await coefficients(page);
-    const one = await linear(page);
-    await page.evaluate(() => globalThis.relightViewer.useCoefficients(false));
-    await page.waitForFunction(
-      () => globalThis.relightViewer.status.stream.startsWith("colours"),
-      null,
-      PATIENCE,
-    );
-    await settled(page);
-    const both = difference(await linear(page), one);
-    console.log(`  colours against coefficients: ${(100 * both).toFixed(3)} %`);
-    assert.ok(both < 0.002, `relative RMSE ${both}`);
-    await page.context().close();
+  async "colours and coefficients give the same picture, that of the daemon"(home) {
+    const dense = '{"sigma_s_prime":[2,2.5,3],"sigma_a":[0.03,0.05,0.1],"g":0.4}';
+    for (const [model, term, material, stream] of [
+      ["marble.prt", "multiple", "", "colours, RGB9E5"],
+      ["marble.prt", "total", "", "colours, RGB9E5"],
+      ["open.prt", "single", "", "colours, RGB9E5"],
+      ["open.prt", "total", dense, "colours, halves"],
+    ]) {
+      const state = new URLSearchParams({
+        model,
+        term,
+        material,
+        light: "page:window@40,0",
+      });
+      const page = await open(`${home}/#${state}`);
+      await mode(page, "mesh");
+      await coefficients(page);
+      const one = await linear(page);
+      await page.evaluate(() => globalThis.relightViewer.useCoefficients(false));
+      await page.waitForFunction(
+        (wanted) => globalThis.relightViewer.status.stream === wanted,
+        stream,
+        PATIENCE,
+      );
+      await settled(page);
+      const both = difference(await linear(page), one);
+      const { rmse } = await againstDaemon(page);
+      console.log(
+        `  ${model} ${term}${material && ", g .4"}: colours against coefficients ` +
+          `${(100 * both).toFixed(3)} %, against the daemon's picture ${(100 * rmse).toFixed(2)} %`,
+      );
+      assert.ok(both < 0.002, `relative RMSE ${both}`);
+      assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+      await page.context().close();
+    }
   },
 
   async "hands turn the model and the light; the link holds the picture"(home) {
@@ -325,10 +358,86 @@ const scenarios = {
     await settled(page);
     assert.ok(difference(before, await linear(page)) > 0.1);
     assert.match(page.url(), /material=ketchup/);
+    const { rmse } = await againstDaemon(page);
+    console.log(`  edited, against the daemon's picture: ${(100 * rmse).toFixed(2)} %`);
+    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
     await shot(page, "material");
     await page.keyboard.press("Control+z");
     await settled(page);
     assert.ok(difference(before, await linear(page)) < 1e-3);
+    await page.context().close();
+  },
+
+  async "two states are compared: a wipe, side by side, a map of ΔE"(home) {
+    const page = await open(`${home}/#model=open.prt`);
+    await mode(page, "mesh");
+    await coefficients(page);
+    const alone = await linear(page);
+    await page.getByRole("tab", { name: "View" }).click();
+    await page.getByRole("button", { name: "Keep this as B" }).click();
+    await page.waitForFunction(
+      () => globalThis.relightOther?.status.frames > 0,
+      null,
+      PATIENCE,
+    );
+    const otherRests = () =>
+      page.waitForFunction(() => globalThis.relightOther.settled, null, PATIENCE);
+    const drawnByOther = () =>
+      page.evaluate(() => Array.from(globalThis.relightOther.stage.readLinear(160, 120)));
+    await otherRests();
+    await page.getByRole("radio", { name: "ΔE map" }).click();
+    await page.getByText("mean 0.00, most 0.0").waitFor(PATIENCE);
+    await page.getByRole("tab", { name: "Material" }).click();
+    await page.getByRole("radio", { name: "Ketchup" }).click();
+    await settled(page);
+    await page.getByRole("tab", { name: "View" }).click();
+    await page.getByText(/mean [1-9][0-9]*\.[0-9]+, most [1-9]/).waitFor(PATIENCE);
+    await shot(page, "difference");
+    await page.getByRole("radio", { name: "Wipe" }).click();
+    await settled(page);
+    await otherRests();
+    assert.ok(difference(await drawnByOther(), alone) < 2e-3);
+    assert.ok(difference(await linear(page), alone) > 0.1);
+    await shot(page, "wipe");
+    // Both turn together; the wipe is a clip of B, so that the panes have one size.
+    await drag(page, [150, 200], [60, 0]);
+    await settled(page);
+    await otherRests();
+    assert.ok(difference(await drawnByOther(), alone) > 0.02);
+    await page.getByRole("radio", { name: "Side by side" }).click();
+    await settled(page);
+    await otherRests();
+    const widths = await page.evaluate(() =>
+      [...document.querySelectorAll(".pane")].map((pane) => pane.clientWidth),
+    );
+    assert.equal(widths.length, 2);
+    assert.ok(Math.abs(widths[0] - widths[1]) < 2 && widths[0] < 330);
+    await shot(page, "side-by-side");
+    const [before, b] = [await linear(page), await drawnByOther()];
+    const link = page.url();
+    assert.match(link, /compare=side/);
+    const again = await open(link);
+    await mode(again, "mesh");
+    await coefficients(again);
+    await again.waitForFunction(
+      () =>
+        globalThis.relightOther?.status.stream === "coefficients" &&
+        globalThis.relightOther.settled,
+      null,
+      PATIENCE,
+    );
+    assert.ok(difference(await linear(again), before) < 2e-3);
+    const theirs = await again.evaluate(() =>
+      Array.from(globalThis.relightOther.stage.readLinear(160, 120)),
+    );
+    assert.ok(difference(theirs, b) < 2e-3);
+    await again.context().close();
+    await page.getByRole("button", { name: "Swap A and B" }).click();
+    await settled(page);
+    await otherRests();
+    assert.ok(difference(await linear(page), b) < 5e-3);
+    await page.getByRole("button", { name: "End" }).click();
+    await page.waitForFunction(() => document.querySelectorAll(".pane").length === 1);
     await page.context().close();
   },
 
@@ -386,7 +495,11 @@ const scenarios = {
     for (const [name, options] of [
       [
         "phone",
-        { viewport: { width: 360, height: 640 }, colorScheme: "light", hasTouch: true },
+        {
+          viewport: { width: 360, height: 640 },
+          colorScheme: "light",
+          hasTouch: true,
+        },
       ],
       ["desk", { viewport: { width: 1280, height: 800 }, colorScheme: "dark" }],
     ]) {
@@ -419,10 +532,100 @@ const scenarios = {
     }
   },
 
+  async "a shop's page embeds the viewer: the daemon's picture first, then the model"(
+    home,
+    port,
+  ) {
+    const example = readFileSync(join(web, "examples/embed.html"), "utf8")
+      .replaceAll("http://127.0.0.1:8080", home)
+      .replace('model="bunny"', 'model="marble.prt"')
+      .replace('environment="page:sunset"', 'environment="constant"');
+    const made = join(folder, "package");
+    const packed = spawnSync(process.execPath, [
+      join(web, "scripts/package.mjs"),
+      "--out",
+      made,
+    ]);
+    assert.equal(packed.status, 0, String(packed.stderr));
+    const shop = createServer(({ url }, answer) => {
+      const script = url.endsWith(".js");
+      answer.setHeader("content-type", script ? "text/javascript" : "text/html; charset=utf-8");
+      if (url === "/") answer.end(example);
+      else {
+        const text = readFileSync(join(made, new URL(url, "http://shop").pathname), "utf8");
+        answer.end(
+          text
+            .replace("ws://127.0.0.1:8080", home.replace("http", "ws"))
+            .replace('"bunny"', '"marble.prt"'),
+        );
+      }
+    });
+    await new Promise((resolve) => shop.listen(0, "127.0.0.1", resolve));
+    const origin = `http://127.0.0.1:${shop.address().port}`;
+    await stop();
+    await start(port, ["--origins", origin]);
+    try {
+      const page = await open("about:blank");
+      const posters = [];
+      page.on("response", (answer) => {
+        if (answer.url().includes("/v1/models/")) posters.push(answer.status());
+      });
+      await page.goto(origin);
+      const has = (script) => page.waitForFunction(script, null, PATIENCE);
+      await has(() => document.querySelector("relight-viewer")?.viewer?.status.mode === "mesh");
+      await has(
+        () => document.querySelector("relight-viewer").shadowRoot.querySelector("img").hidden,
+      );
+      await has(
+        () => document.querySelector("relight-viewer").viewer.status.stream === "coefficients",
+      );
+      assert.deepEqual(posters, [200]);
+      const found = await page.evaluate(async () => {
+        const one = document.querySelector("relight-viewer");
+        const parts = [...one.shadowRoot.querySelectorAll("[part]")].map(
+          (node) => node.part.value,
+        );
+        const moved = new Promise((resolve) =>
+          one.addEventListener("camera-change", ({ detail }) => resolve(detail.azimuth)),
+        );
+        one.cameraOrbit = { ...one.cameraOrbit, azimuth: 77 };
+        const blob = await one.toBlob("image/png");
+        return {
+          parts,
+          azimuth: await moved,
+          type: blob.type,
+          size: blob.size,
+        };
+      });
+      assert.deepEqual(found.parts.sort(), [
+        "canvas",
+        "message",
+        "picture",
+        "poster",
+        "progress",
+      ]);
+      assert.equal(found.azimuth, 77);
+      assert.ok(found.type === "image/png" && found.size > 1000);
+      await shot(page, "embed");
+      // The example of the client alone, from the package.
+      await page.goto(`${origin}/examples/client.html`);
+      await page.getByText(/^[0-9]+ vertices, mean radiance 0\.[0-9]+$/).waitFor(PATIENCE);
+      await page.context().close();
+    } finally {
+      shop.close();
+      await stop();
+      await start(port);
+    }
+  },
+
+  ...roomScenarios({ open, mode, shot, axe, PATIENCE }),
+
   // Last: a token closes the daemon for the others.
   async "a token is wanted, and rights are respected"(home, port) {
     await stop();
-    writeFileSync(join(folder, "token"), `relight_${"k".repeat(43)}\n`, { mode: 0o600 });
+    writeFileSync(join(folder, "token"), `relight_${"k".repeat(43)}\n`, {
+      mode: 0o600,
+    });
     await start(port, ["--token-file", join(folder, "token")]);
     const made = spawnSync(join(bin, "relight"), [
       ...[

@@ -55,7 +55,7 @@ static const char *check_message(struct world *world, const struct relight_frame
 {
     if (f->type == RELIGHT_TYPE_ERROR) {
         const Relight__Error *error = (const Relight__Error *)message;
-        if (!error->code || error->code > RELIGHT__ERROR_CODE__ERROR_JOB_FAILED)
+        if (!error->code || error->code > RELIGHT__ERROR_CODE__ERROR_MOVED)
             return fault(f, "its code is none of the protocol's");
         if (!error->text[0]) return fault(f, "it says nothing");
     }

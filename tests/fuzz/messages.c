@@ -231,10 +231,29 @@ static char *material(struct rnd *r, char text[4096])
     }
 }
 
+enum { OBJECTS = 3 };
+struct object_materials {
+    Relight__ObjectMaterial entry[OBJECTS], *at[OBJECTS];
+    char text[OBJECTS][4096];
+};
+
+static Relight__ObjectMaterial **object_materials(struct rnd *r, struct object_materials *o)
+{
+    static char *const names[] = {"", "Cube", "made up", "C", "a=b", "\xc3\xa4"};
+    for (unsigned i = 0; i < OBJECTS; i++) {
+        o->at[i] = &o->entry[i];
+        relight__object_material__init(o->at[i]);
+        o->entry[i].object = RND_PICK(r, names);
+        o->entry[i].material = material(r, o->text[i]);
+    }
+    return o->at;
+}
+
 struct shade {
     Relight__Shade shade;
     Relight__Vec3 eye;
     char material[4096], map[65];
+    struct object_materials objects;
 };
 
 static Relight__Shade *shade(struct world *world, struct shade *s)
@@ -247,6 +266,10 @@ static Relight__Shade *shade(struct world *world, struct shade *s)
         s->shade.engine = RELIGHT__ENGINE__ENGINE_SPLAT; // traced: seconds
     s->shade.term = (Relight__Term)(rnd_chance(r, 3) ? rnd(r, 5) : 0);
     s->shade.material = material(r, s->material);
+    if (rnd_chance(r, 6)) {
+        s->shade.materials = object_materials(r, &s->objects);
+        s->shade.n_materials = 1 + rnd(r, OBJECTS);
+    }
     if (rnd_chance(r, 3)) s->shade.eye = vec3(r, &s->eye, -20, 20);
     if (rnd_chance(r, 10)) s->shade.max_error = real(r, 0, 1);
     if (rnd_chance(r, 4)) s->shade.budget_ms = rnd(r, 50);
@@ -427,6 +450,11 @@ void message_load(struct world *world, uint64_t id, enum load_kind kind, struct 
         if (!plain && rnd_chance(r, 12)) bake.cube = odd_number(r);
         if (!plain && rnd_chance(r, 12)) bake.env = environment(world, env);
     }
+    struct object_materials objects;
+    if (!plain && rnd_chance(r, 6)) {
+        in.materials = object_materials(r, &objects);
+        in.n_materials = 1 + rnd(r, OBJECTS);
+    }
     if (rnd_chance(r, 10)) in.opaque = (char **)opaque, in.n_opaque = 1 + rnd(r, 3);
     in.pin = rnd_chance(r, 10);
     in.preview = preview;
@@ -464,6 +492,17 @@ static void put_pose(struct world *world, uint64_t id, struct bytes *out)
     size_t n = in.n * (in.has_normals ? 24u : 12u);
     for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
     if (rnd_chance(r, 20)) in.n = odd_number(r);
+    Relight__FileRef file = RELIGHT__FILE_REF__INIT, *files[2] = {&file, &file};
+    if (rnd_chance(r, 5)) {
+        in.animation = RND_PICK(r, ((char *[]){"walk", "", "\xc3\xa4", "a"}));
+        in.time_s = real(r, -1, 3);
+        in.up_z = rnd_chance(r, 2);
+        file.name = RND_PICK(r, ((char *[]){"tiny.glb", "../x", "a/b.gltf"}));
+        file.blob = world->blob[rnd(r, WORLD_BLOBS)].hash;
+        in.files = files;
+        in.n_files = rnd(r, 3);
+        if (rnd_chance(r, 2)) in.n = 0, n = 0, in.base_pose = "";
+    }
     message_emit(world, RELIGHT_TYPE_PUT_POSE, id, &in.base, vertex, n, out);
 }
 

@@ -230,8 +230,15 @@ static void opaque_receivers(void **state)
         least = fmin(least, (double)want[v][1]);
         most = fmax(most, (double)want[v][1]);
     }
-    expect_below("darkest over brightest part of the floor", least / most, 0.5); // a shadow
-    // of the wavelet, joint and polynomial bake
+    // A shadow: 16 texels of some 28 at some .012 sr give the lit floor 5 beside at most .5 pi
+    // from the rest, so that without the lamp less than 1.6 / 6.6 is left.
+    expect_below("darkest over brightest part of the floor", least / most, 0.5);
+    // Of the wavelet, joint and polynomial bake. Wavelet, joint: the storage errs by max_error,
+    // .01 over white noise (METHODS §4); on the floor one lamp of 16 texels meets it in few
+    // coefficients, hence twice that. Joint's body has a basis of media besides, but twice the
+    // clusters. Polynomial: the light is fixed and nothing of it is compressed; what is left is
+    // the noise of visibility in bake and reference, three times what was measured (.0016,
+    // .0008).
     static const double floor_most[] = {0.02, 0.02, 0.0045},
                         body_most[] = {0.01, 0.008, 0.0025};
     for (int e = 0; e < 3; e++) {
@@ -319,7 +326,10 @@ static void own_profile_is_exact(void **state)
                 PRT_OK);
         print_message("%s baked with: %.2f %%, bound %.3f %%\n", o.media.medium->name,
                       100 * error, 100 * bound);
+        // A profile is linear between 256 points. The light in a step of its integral is 1/255;
+        // linear pieces misplace less than that.
         expect_below("misplaced light", bound, 0.004);
+        // max_error of the storage (METHODS §4)
         expect_below(expect_name("%s: relative RMSE", o.media.medium->name), error, 0.01);
         free(want), free(got);
         prt_file_close(f);
@@ -451,6 +461,10 @@ static void walks_without_jumps(void **state)
                 before = now;
             }
             free(before);
+            // rho_d is concave in sigma_s'/sigma_a, so that B changes relatively by no more
+            // than that does: ln(1250) / 159 = .045 a step. A jump at a knot of the basis
+            // stands out against the steps on either side of it; those of a curve differ by
+            // little.
             expect_below(expect_name("%s, %s: a step", engine[e],
                                      way ? "sigma_a 0 to 2" : "sigma_s' 0.02 to 25"),
                          most, 0.08);
@@ -483,6 +497,7 @@ static void linear_in_the_light(void **state)
     }
     for (uint32_t v = 0; v < mesh->n_vertex; v++)
         for (int c = 0; c < 3; c++) got[0][v][c] += got[1][v][c];
+    // Exact in real numbers; the bound is two roundings of a light to halves, 2^-11 each.
     expect_below("sum of two parts against the whole light",
                  distance((const float(*)[3])got[0], (const float(*)[3])got[2]), 1e-3);
     for (int k = 0; k < 3; k++) free(got[k]);
@@ -519,6 +534,7 @@ static void contractions_commute(void **state)
                          PRT_OK);
         assert_int_equal(prt_relight(&context, &fixed, 1, &one, NULL, false, b[0]), PRT_OK);
         double d = distance((const float(*)[3])b, (const float(*)[3])a);
+        // Exact in real numbers; folded rows are rounded: the bound is 2^-9 of a row's largest.
         expect_below(expect_name("%s: relative difference", name[i]), d, 2e-3);
         free(a), free(b);
         prt_rows_finish(&fixed.rows);
@@ -583,6 +599,8 @@ static void imported_media_return_their_albedo(void **state)
         for (int c = 0; c < 3; c++) {
             double rate = -log((double)in.color[c]) / (double)in.distance_mm;
             double s = d[c].sigma_s_prime / (1 - (double)m.g[c]), a = d[c].sigma_a;
+            // rho_d is inverted by bisection in f64; then numbers are f32, whose 6e-8
+            // an albedo near 1 may multiply by some 1/(1 - albedo)
             expect_below("albedo of an imported medium, relative",
                          fabs(d[c].rho_d / (double)in.albedo[c] - 1), 1e-4);
             expect_below("attenuation of an imported medium, relative",

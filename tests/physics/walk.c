@@ -296,6 +296,30 @@ static void reference_of_a_slab(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: transport theory for a slab of 2 mm, lit evenly from both sides: what leaves it after
+// one scattering or more (METHODS §9; the walk column of README's table, rounded to its
+// digits).
+static void walk_column_of_the_readme(void **state)
+{
+    static const struct {
+        const char *medium;
+        int channel;
+        double want;
+    } row[] = {
+        {"marble", 0, 0.97}, {"skimmilk", 0, 0.81}, {"skin1", 0, 0.66}, {"skin1", 1, 0.36}};
+    for (int i = 0; i < 4; i++) {
+        struct prt_material m;
+        struct slab slab;
+        const int c = row[i].channel;
+        assert_int_equal(prt_material_load(&context, row[i].medium, &m), PRT_OK);
+        const double s = (double)m.sigma_s_prime[c], a = (double)m.sigma_a[c];
+        solve_slab(2 * s, 1 + a / s, (double)m.eta, &slab);
+        expect_near(expect_name("2 mm of %s, channel %d", row[i].medium, c),
+                    slab.near[1] + slab.near[2] + slab.far[1] + slab.far[2], row[i].want,
+                    0.006);
+    }
+}
+
 // Contract of prt_reference_colors: a profile has no walk.
 static void profiles_have_no_walks(void **state)
 {
@@ -353,6 +377,7 @@ int main(void)
         cmocka_unit_test(mean_length_is_invariant),
         cmocka_unit_test(slabs_follow_transport_theory),
         cmocka_unit_test(reference_of_a_slab),
+        cmocka_unit_test(walk_column_of_the_readme),
         cmocka_unit_test(profiles_have_no_walks),
     };
     return run_physics_tests(tests, NULL, NULL);

@@ -3,28 +3,18 @@
 // the order of jobs.
 #include "ask.h"
 #include "frames.h"
+#include "lone_daemon.h"
 
-static struct daemon d;
-
-static struct relight_client *begin(const char *const extra[])
+static struct relight_client *begin_client(const char *const extra[])
 {
-    daemon_folder(&d);
-    daemon_start(&d, extra);
+    begin(extra);
     return client_open(d.address);
 }
 
-static void end(struct relight_client *client)
+static void end_client(struct relight_client *client)
 {
     relight_close(client);
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
+    end();
 }
 
 // The mean of an environment is over solid angle: a lat-long whose upper quarter, up to 45
@@ -34,7 +24,7 @@ static void test_mean_of_an_environment(void **state)
     enum { W = 64, H = 32 };
     static const char head[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n";
     static char bytes[sizeof head - 1 + H * (4 + 4 * (W + 1))];
-    struct relight_client *client = begin(NULL);
+    struct relight_client *client = begin_client(NULL);
     struct relight_error error;
     struct relight_env_info info;
     char hash[65], env[80], *at = bytes + sizeof head - 1;
@@ -54,13 +44,13 @@ static void test_mean_of_an_environment(void **state)
     print_message("mean %g, the cap has %g\n", (double)info.mean[0], (1 - sqrt(0.5)) / 2);
     for (int c = 0; c < 3; c++)
         if (fabs((double)info.mean[c] - (1 - sqrt(0.5)) / 2) > 0.002) fail_msg("mean is off");
-    end(client);
+    end_client(client);
 }
 
 // Planes of several lights begin at multiples of 64 bytes (PROTOCOL.md).
 static void test_planes_are_aligned(void **state)
 {
-    struct relight_client *client = begin(NULL);
+    struct relight_client *client = begin_client(NULL);
     struct relight_error error;
     struct relight_colors colors;
     struct relight_light lights[2] = {{.env = "constant"}, {.env = "constant:1,0,0"}};
@@ -71,7 +61,7 @@ static void test_planes_are_aligned(void **state)
     OK(relight_colors(client, &request, &colors, &error));
     assert_int_equal(colors.plane_bytes, (12 * OCTAHEDRON_VERTICES + 63) / 64 * 64);
     relight_colors_finish(&colors);
-    end(client);
+    end_client(client);
 }
 
 static float srgb(float x)
@@ -84,7 +74,7 @@ static float srgb(float x)
 static void test_exposure_of_colours(void **state)
 {
     static const float ev[] = {0, 1.5f, -3, 8};
-    struct relight_client *client = begin(NULL);
+    struct relight_client *client = begin_client(NULL);
     struct relight_error error;
     struct relight_light light = {.env = "constant:1,0.3,0.05"};
     struct relight_colors_request request = {.n_light = 1, .lights = &light};
@@ -109,14 +99,14 @@ static void test_exposure_of_colours(void **state)
         relight_colors_finish(&bytes);
     }
     relight_colors_finish(&linear);
-    end(client);
+    end_client(client);
 }
 
 // A bake whose measured error is above max_error is refused with both numbers; the bound that
 // its answers state is allowed.
 static void test_measured_error_of_a_bake(void **state)
 {
-    struct relight_client *client = begin(NULL);
+    struct relight_client *client = begin_client(NULL);
     struct relight_error error;
     struct relight_light light = {.env = "constant"};
     struct relight_colors_request request = {.n_light = 1, .lights = &light};
@@ -134,13 +124,13 @@ static void test_measured_error_of_a_bake(void **state)
     request.shade.max_error = 1.01f * bound;
     OK(relight_colors(client, &request, &colors, &error));
     relight_colors_finish(&colors);
-    end(client);
+    end_client(client);
 }
 
 // Two open requests of a connection cannot have one id.
 static void test_an_id_is_open_once(void **state)
 {
-    struct relight_client *client = begin(NULL);
+    struct relight_client *client = begin_client(NULL);
     struct frames *f = frames_open(&d);
     Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
     struct frames_answer a;
@@ -153,14 +143,14 @@ static void test_an_id_is_open_once(void **state)
     assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
     assert_non_null(strstr(a.text, "open already"));
     frames_close(f);
-    end(client);
+    end_client(client);
 }
 
 // Bakes run in the order of their requests: when the third has ended, the second has.
 static void test_bakes_keep_their_order(void **state)
 {
     static const char *const extra[] = {"--bakes", "1", NULL};
-    struct relight_client *client = begin(extra);
+    struct relight_client *client = begin_client(extra);
     struct relight_error error;
     struct relight_loaded loaded[3];
     for (int i = 0; i < 3; i++) {
@@ -176,7 +166,7 @@ static void test_bakes_keep_their_order(void **state)
     OK(relight_colors(client, &request, &colors, &error)); // ready: colours come from a bake
     relight_colors_finish(&colors);
     for (int i = 0; i < 3; i++) relight_loaded_finish(&loaded[i]);
-    end(client);
+    end_client(client);
 }
 
 int main(void)

@@ -223,6 +223,81 @@ static void equal_colors_toward_an_eye(void **state)
     }
 }
 
+// The parts of a plane are the sums that coefficients expand to (a term's own: M of SINGLE is
+// 0), and without an eye they make the colours. RGB9E5 has 0 for negative numbers, which the
+// made-up transport has and a bake has not.
+static void compare_parts(const struct relight_colors *parts, float *want, uint32_t plane,
+                          const float *plain)
+{
+    const bool positive = parts->format == RELIGHT_COLOR_RGB9E5;
+    const double most = positive ? 3e-3 : 1e-3;
+    static float part[3 * N], sum[3 * N];
+    struct relight_outgoing outgoing;
+    OK(relight_colors_outgoing(parts, 0, &outgoing));
+    memset(sum, 0, sizeof sum);
+    for (uint32_t k = 0; k < parts->n_part; k++) {
+        OK(relight_colors_decode(parts, plane * parts->n_part + k, part));
+        for (int v = 0; v < 3 * N && k < 2; v++) sum[v] += part[v];
+        float largest = 0;
+        for (int v = 0; v < 3 * N; v++) {
+            float *x = &want[k * 3 * N + v];
+            if (positive) *x = fmaxf(0, *x);
+            largest = fmaxf(largest, fabsf(*x));
+        }
+        if (largest > 0) {
+            double difference = rmse(part, want + k * 3 * N, 3 * N);
+            if (!(difference <= most)) fail_msg("part %u: relative RMSE %.3g", k, difference);
+        }
+    }
+    for (int v = 0; v < 3 * N; v++) sum[v] = fmaxf(0, outgoing.mean * sum[v]);
+    assert_true(positive || rmse(sum, plain, 3 * N) <= 2e-3);
+}
+
+static void check_parts(const char *model, uint32_t n_phase, enum relight_term term,
+                        enum relight_color_format format)
+{
+    static float want[5 * 3 * N], plain[3 * N];
+    struct relight_light two[2];
+    struct relight_factors factors;
+    struct relight_colors rows, parts, colors;
+    struct relight_colors_request request = {
+        .model = model, .n_light = 2, .lights = two, .shade.term = term, .phases = true};
+    const uint32_t all = term == RELIGHT_TERM_MULTIPLE ? 1 : 1 + n_phase;
+    some_lights(two);
+    OK(relight_factors(client, model, 0, &factors, &error));
+    ask(&request, RELIGHT_COLOR_COEFFICIENTS, &rows);
+    ask(&request, format, &parts);
+    assert_int_equal(parts.n_plane, 2);
+    assert_int_equal(parts.n_part, format == RELIGHT_COLOR_RGB9E5 && all > 2 ? 2 : all);
+    request.phases = false;
+    ask(&request, RELIGHT_COLOR_F32, &colors);
+    assert_int_equal(colors.n_part, 0);
+    for (uint32_t l = 0; l < 2; l++) {
+        OK(relight_coefficients_expand(&factors, &rows, l, 4, want, want + 3 * N, &error));
+        OK(relight_colors_decode(&colors, l, plain));
+        compare_parts(&parts, want, l, plain);
+    }
+    assert_int_equal(relight_colors_decode(&parts, 2 * parts.n_part, plain),
+                     -RELIGHT_E_ARGUMENT);
+    relight_colors_finish(&rows);
+    relight_colors_finish(&parts);
+    relight_colors_finish(&colors);
+    relight_factors_finish(&factors);
+}
+
+static void colours_in_parts(void **state)
+{
+    static const enum relight_term terms[] = {RELIGHT_TERM_TOTAL, RELIGHT_TERM_MULTIPLE,
+                                              RELIGHT_TERM_SINGLE};
+    static const enum relight_color_format formats[] = {RELIGHT_COLOR_F32, RELIGHT_COLOR_F16,
+                                                        RELIGHT_COLOR_RGB9E5};
+    for (int t = 0; t < 3; t++)
+        for (int f = 0; f < 3; f++) {
+            check_parts("even.prt", 1, terms[t], formats[f]);
+            check_parts("phases.prt", 4, terms[t], formats[f]);
+        }
+}
+
 // Fewer rows of coefficients, fewer columns of U, or both: the same sums.
 static void fewer_rows(void **state)
 {
@@ -418,10 +493,15 @@ static void command_line(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(equal_colors), cmocka_unit_test(equal_colors_toward_an_eye),
-        cmocka_unit_test(fewer_rows),   cmocka_unit_test(factors_in_parts),
-        cmocka_unit_test(refusals),     cmocka_unit_test(factors_of_another_bake),
-        cmocka_unit_test(views),        cmocka_unit_test(command_line),
+        cmocka_unit_test(equal_colors),
+        cmocka_unit_test(equal_colors_toward_an_eye),
+        cmocka_unit_test(colours_in_parts),
+        cmocka_unit_test(fewer_rows),
+        cmocka_unit_test(factors_in_parts),
+        cmocka_unit_test(refusals),
+        cmocka_unit_test(factors_of_another_bake),
+        cmocka_unit_test(views),
+        cmocka_unit_test(command_line),
     };
     return cmocka_run_group_tests(tests, group_begin, group_end);
 }

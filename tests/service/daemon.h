@@ -95,6 +95,21 @@ static inline void daemon_folder(struct daemon *d)
     mkdir(d->models, 0700);
 }
 
+// With $RELIGHT_TEST_POSTGRES (deploy/cluster/with_postgres) each folder's daemon keeps its
+// rooms in a database of its own there; option is "" otherwise.
+static inline void daemon_database(const struct daemon *d, char option[300])
+{
+    const char *server = getenv("RELIGHT_TEST_POSTGRES"), *name = strrchr(d->folder, '/') + 1;
+    char command[400];
+    option[0] = 0;
+    if (!server) return;
+    const char *query = strchr(server, '?');
+    snprintf(command, sizeof command, "psql -qc 'CREATE DATABASE \"%s\"' '%s' >/dev/null 2>&1",
+             name, server);
+    (void)!system(command); // it is there after a restart
+    snprintf(option, 300, "postgresql://relightd@/%s%s", name, query ? query : "");
+}
+
 // extra: further options, NULL-terminated; NULL for none.
 static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
 {
@@ -108,6 +123,12 @@ static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
                             "--listen",
                             "tcp:127.0.0.1:0"};
     int n = 9;
+    char rooms[300];
+    daemon_database(d, rooms);
+    if (rooms[0]) {
+        argv[n++] = "--rooms";
+        argv[n++] = rooms;
+    }
     for (int i = 0; extra && extra[i]; i++) argv[n++] = extra[i];
     pid_t pid = fork();
     if (pid == 0) {

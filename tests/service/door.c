@@ -344,7 +344,8 @@ static void test_upgrades(void **state)
     daemon_start(&d, extra);
     assert_int_equal(upgrade_to("/ws", d.http, NULL, "relight.v1", NULL), 101);
     assert_int_equal(upgrade_to("/ws", d.http, NULL, "other, relight.v1", NULL), 101);
-    static const char *const paths[] = {"/", "/ws/", "/ws/x", "/wsx", "/healthz", "/w"};
+    assert_int_equal(upgrade_to("/ws/bunny", d.http, NULL, "relight.v1", NULL), 101);
+    static const char *const paths[] = {"/", "/ws/", "/wsx", "/healthz", "/w"};
     for (size_t i = 0; i < sizeof paths / sizeof *paths; i++)
         assert_int_not_equal(upgrade_to(paths[i], d.http, NULL, "relight.v1", NULL), 101);
     static const char *const protocols[] = {

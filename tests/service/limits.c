@@ -658,6 +658,20 @@ static void test_headers_that_unpack_to_much(void **state)
 }
 
 // A connection that sent one large header keeps nothing of it.
+// Whether the daemon runs under AddressSanitizer or ThreadSanitizer.
+static bool keeps_freed_memory(void)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/proc/%d/maps", (int)d.pid);
+    char *maps = read_text(path);
+    bool found = strstr(maps, "libasan") || strstr(maps, "libtsan");
+    free(maps);
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__ // linked statically
+    found = true;
+#endif
+    return found;
+}
+
 static void test_idle_after_a_large_header(void **state)
 {
     enum { N = 400, HEADER = 1 << 20 };
@@ -679,12 +693,17 @@ static void test_idle_after_a_large_header(void **state)
         assert_int_equal(frames_wait(f[i], 2).code, 0);
     }
     long each = (resident_kb() - before) / N;
+    const bool kept = keeps_freed_memory();
     print_message("%ld KiB a connection\n", each);
-#if !defined __SANITIZE_ADDRESS__ && !defined __SANITIZE_THREAD__ // those keep what was freed
-    assert_true(each <= 16);
-#endif
     for (int i = 0; i < N; i++) frames_close(f[i]);
     end();
+    if (kept) {
+        print_message(
+            "skipped: the daemon's sanitizer keeps memory that was freed, so that its "
+            "size says nothing\n");
+        skip();
+    }
+    assert_true(each <= 16);
 }
 
 // ---- text

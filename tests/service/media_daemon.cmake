@@ -1,3 +1,5 @@
-# A bake of several media served by a live relightd.
-add_test(NAME media_daemon COMMAND ${CMAKE_CURRENT_LIST_DIR}/media_daemon.py ${CMAKE_BINARY_DIR}/bin)
+# Several media served by a live relightd. Debian's python3 has the packages for its views.
+find_program(SYSTEM_PYTHON3 python3 PATHS /usr/bin NO_DEFAULT_PATH)
+add_test(NAME media_daemon COMMAND ${SYSTEM_PYTHON3} ${CMAKE_CURRENT_LIST_DIR}/media_daemon.py
+  ${CMAKE_BINARY_DIR}/bin ${CMAKE_BINARY_DIR}/python)
 set_tests_properties(media_daemon PROPERTIES TIMEOUT 400 LABELS service)

@@ -261,9 +261,72 @@ static void watch_without_a_bake(void **state)
     end();
 }
 
+// ---- several replicas, without a proxy
+
+static struct relight_client *routed(const char *address, const char *route)
+{
+    struct relight_client *client = NULL;
+    struct relight_error error;
+    struct relight_options options = {.timeout_s = 60, .reconnect_s = 30, .route = route};
+    OK(relight_connect(address, &options, &client, &error));
+    return client;
+}
+
+// Whoever is asked, a route leads to one replica; both have some. Where that one is gone, the
+// other serves.
+static void routes_choose_a_replica(void **state)
+{
+    struct daemon a, b;
+    char replicas[300], run[2][40];
+    int at[2] = {0, 0}, first[12], mine = -1;
+    daemon_folder(&a);
+    daemon_folder(&b);
+    snprintf(replicas, sizeof replicas, "%s,%s", a.address, b.address);
+    daemon_start(&a,
+                 (const char *const[]){"--replicas", replicas, "--advertise", a.address, NULL});
+    daemon_start(&b,
+                 (const char *const[]){"--replicas", replicas, "--advertise", b.address, NULL});
+    for (int i = 0; i < 2; i++) {
+        struct relight_client *plain = client_open(i ? b.address : a.address);
+        snprintf(run[i], sizeof run[i], "%s", relight_server(plain)->run);
+        relight_close(plain);
+    }
+    assert_string_not_equal(run[0], run[1]);
+    for (int i = 0; i < 12; i++)
+        for (int asked = 0; asked < 2; asked++) {
+            char route[20];
+            snprintf(route, sizeof route, "model-%d", i);
+            struct relight_client *client = routed(asked ? b.address : a.address, route);
+            int place = !strcmp(relight_server(client)->run, run[1]);
+            if (asked) assert_int_equal(place, first[i]);
+            first[i] = place;
+            at[place]++;
+            if (place) mine = i;
+            relight_close(client);
+        }
+    assert_true(at[0] > 1 && at[1] > 1);
+    // A route of b, asked of a: b goes, and a serves, for the open connection and for new ones.
+    char route[20];
+    struct relight_error error;
+    double seconds;
+    snprintf(route, sizeof route, "model-%d", mine);
+    struct relight_client *client = routed(a.address, route);
+    assert_string_equal(relight_server(client)->run, run[1]);
+    assert_int_equal(daemon_stop(&b), 0);
+    OK(relight_ping(client, &seconds, &error));
+    relight_close(client);
+    client = routed(a.address, route);
+    assert_string_equal(relight_server(client)->run, run[0]);
+    relight_close(client);
+    daemon_remove(&b);
+    assert_int_equal(daemon_end(&a), 0);
+    daemon_remove(&a);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(routes_choose_a_replica, teardown),
         cmocka_unit_test_teardown(calls_over_a_restart, teardown),
         cmocka_unit_test_teardown(goes_where_it_is_sent, teardown),
         cmocka_unit_test_teardown(events_over_a_restart, teardown),

@@ -133,6 +133,41 @@ static void add_image(struct frames *f, uint64_t id, uint32_t deadline_ms)
     add_with_deadline(f, RELIGHT_TYPE_IMAGE, id, deadline_ms, &m.base);
 }
 
+// Answers that the client has not begun to read by their deadline come as DEADLINE: the socket
+// holds the beginning of the first, and none of the others.
+static void test_unread_answers_are_late(void **state)
+{
+    enum { N = 4, DEADLINE = 4000, SIDE = 1200 };
+    struct frames *f = frames_open(&d);
+    unsigned good = 0, late = 0;
+    for (uint64_t i = 0; i < N; i++) {
+        Relight__ImageRequest m = RELIGHT__IMAGE_REQUEST__INIT;
+        Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
+        Relight__Picture picture = RELIGHT__PICTURE__INIT;
+        light.env = "constant:1,1,1";
+        picture.width = picture.height = SIDE;
+        picture.format = RELIGHT__IMAGE_FORMAT__IMAGE_F16; // 8.6 MB: more than a socket holds
+        picture.exposure_ev = (float)i;
+        m.model = model;
+        m.lights = lights, m.n_lights = 1;
+        m.picture = &picture;
+        add_with_deadline(f, RELIGHT_TYPE_IMAGE, 50 + i, DEADLINE, &m.base);
+    }
+    frames_send(f);
+    sleep_ms(DEADLINE + 500);
+    for (unsigned i = 0; i < N; i++) {
+        struct frames_answer a;
+        assert_true(frames_next(f, &a, 20000, NULL));
+        assert_false(a.closed);
+        if (a.code) assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_DEADLINE);
+        good += !a.code;
+        late += a.code != 0;
+    }
+    print_message("%u answers, %u late\n", good, late);
+    assert_true(good <= 1 && late >= N - 1);
+    frames_close(f);
+}
+
 static void add_env(struct frames *f, uint64_t id, uint32_t deadline_ms)
 {
     Relight__EnvRequest m = RELIGHT__ENV_REQUEST__INIT;
@@ -322,6 +357,7 @@ static void test_a_silent_reader_gets_its_window(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_unread_answers_are_late),
         cmocka_unit_test_teardown(test_deadlines_of_every_operation, let_decoder_go),
         cmocka_unit_test_teardown(test_cancel_ends_one, let_decoder_go),
         cmocka_unit_test_teardown(test_client_sees_the_daemons_outcome, let_decoder_go),

@@ -29,7 +29,9 @@ static bool find_checkpoint(char path[500])
 
 struct piece { // of the file that prt bake --checkpoint writes
     uint32_t slot, cluster, rank, n_component;
-    uint64_t rays, bytes, hash, check;
+    uint64_t rays;
+    double noise[2];
+    uint64_t bytes, hash, check;
 };
 
 // Number of finished pieces; fails when one is there twice.

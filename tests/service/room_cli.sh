@@ -69,6 +69,60 @@ expect 0 room undo "$room"
 expect 0 room show "$room" -o undone.png
 cmp first.png undone.png || fail "undo does not bring the scene back"
 
+# ---- a scene that changed: in numbers, and as pictures
+expect 0 room scene "$room" --env constant:1,0.5,0.2
+expect 0 room save "$room" redder
+expect 0 room compare "$room" -o changed.png
+says 'approved by ann at revision 1, now at 3: dE2000 mean'
+expect 0 room compare "$room" 1 1 --json
+says '"mean":0,.*"max":0,"changed":0'
+expect 0 room compare "$room" 1 3 --json
+says '"mean":1[0-9]'
+size() { python3 -c 'import sys, struct; print("%ux%u" % struct.unpack(">II", open(sys.argv[1], "rb").read(24)[16:]))' "$1"; }
+[ "$(size changed.png)" = 196x132 ] || fail "the sheet is $(size changed.png)"
+for layout in side:196x64 wipe:96x64 delta:96x64; do
+    expect 0 room compare "$room" 1 3 --layout ${layout%:*} -o layout.png
+    [ "$(size layout.png)" = ${layout#*:} ] || fail "${layout%:*} is $(size layout.png)"
+done
+expect 2 room compare "$room" one && says "a revision's number"
+expect 1 room compare "$room" 99 && says 'no such pin, decision or revision'
+expect 0 room undo "$room"
+
+# ---- pins on another model: a finer one of the same shape, a moved one, one far away
+awk 'BEGIN { split("1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1", p, " "); split("1 3 5 3 2 5 2 4 5 4 1 5 3 1 6 2 3 6 4 2 6 1 4 6", f, " ")
+    n = 0; for (t = 0; t < 8; t++) { for (i = 1; i <= 3; i++) for (k = 1; k <= 3; k++) v[i, k] = p[(f[3*t + i] - 1)*3 + k]
+        for (k = 1; k <= 3; k++) { m[1, k] = (v[1, k] + v[2, k])/2; m[2, k] = (v[2, k] + v[3, k])/2; m[3, k] = (v[3, k] + v[1, k])/2 }
+        for (i = 1; i <= 3; i++) print "v", v[i, 1], v[i, 2], v[i, 3]
+        for (i = 1; i <= 3; i++) print "v", m[i, 1], m[i, 2], m[i, 3]
+        print "f", n+1, n+4, n+6; print "f", n+2, n+5, n+4; print "f", n+3, n+6, n+5; print "f", n+4, n+5, n+6; n += 6 } }' >fine.obj
+sed 's/^v \([^ ]*\)/v 1\1/; s/^v 1-1/v 9/; s/^v 1\([01]\) /v 1\1 /' small.obj >far.obj
+expect 0 room anchors "$room"
+says 'pin 2  on its triangle, as it was'
+expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
+expect 0 room scene "$room" --model fine
+expect 0 room anchors "$room"
+says 'pin 2  on the nearest surface, 0.000 % of'
+expect 0 room anchors "$room" --json
+python3 - out <<'END' || fail "the pins' places on the finer model: $(cat out)"
+import json, sys
+for line in open(sys.argv[1]):
+    a = json.loads(line)
+    assert a['state'] == 'placed' and a['distance'] < 1e-6, a
+    p = a['at']['position']
+    assert abs(abs(p['x']) + abs(p['y']) + abs(p['z']) - 1) < 1e-5, p  # on the octahedron
+    assert a['at']['triangle'] < 32
+END
+expect 0 load far.obj --remote --size-mm 20 --material marble --preview
+expect 0 room scene "$room" --model far
+expect 0 room anchors "$room"
+says 'pin 2  cannot be placed: the nearest surface is'
+expect 0 room undo "$room"
+expect 0 room show "$room" -o undone.png
+cmp first.png undone.png || fail "undo does not bring the model back"
+expect 0 room act "$room" '{"stroke": {"pin": 2, "color": 16711680, "width": 3, "points": [
+    {"triangle": 0, "position": {"x": 0.6, "y": 0.2, "z": 0.2}}, {"triangle": 0, "position": {"x": 0.2, "y": 0.6, "z": 0.2}}]}}'
+expect 2 room act "$room" nonsense && says 'RoomAction'
+
 # ---- mistakes have their remedy
 expect 2 room frown "$room" && says 'expected one of create'
 expect 2 room pin "$room" && says 'relight room pin ROOM TEXT'
@@ -84,6 +138,8 @@ if [ -z "$only" ]; then
     hash=$(sha256sum <first.png | cut -c1-64)
     grep -q "\"$hash\"" export/decisions.csv || fail "the decision's picture hash"
     cmp first.png export/pictures/pin-2.png || fail "the picture of the pin"
+    cmp -s export/pictures/pin-2.png export/pictures/pin-2-strokes.png && fail "the stroke is not drawn"
+    [ ! -e export/pictures/pin-3-strokes.png ] || fail "a picture of strokes that are not there"
     # No cell is a formula for a spreadsheet.
     ! grep -E '(^|,)"[=+@-]' export/decisions.csv || fail "a formula in decisions.csv"
     python3 - <<'END' || fail "the exported material"

@@ -4,11 +4,12 @@
 // done twice. ROOM_SECONDS in the environment: for how long (10).
 #include "room_frames.h"
 
+#include "lone_daemon.h"
+
 #include "rooms/fold.h"
 
 enum { CLIENTS = 50, RATE = 20, KILLS = 5, MOST = 4000 };
 
-static struct daemon d;
 static char room[33];
 
 struct person {
@@ -271,15 +272,7 @@ static void killed_while_fifty_edit(void **unused)
         room_state_free(people[i].state);
     }
     frames_close(f);
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
+    end();
 }
 
 int main(void)

@@ -224,6 +224,65 @@ static void test_greedy_and_modest(void **state)
     frames_close(greedy.f), frames_close(modest.f), frames_close(g), frames_close(m);
 }
 
+// A square of SIDE x SIDE quads as OBJ text, to free().
+static char *sheet(unsigned side)
+{
+    const size_t room = 64 * (size_t)(side + 1) * (side + 1);
+    char *text = malloc(room);
+    size_t at = 0;
+    for (unsigned y = 0; y <= side; y++)
+        for (unsigned x = 0; x <= side; x++)
+            at += (size_t)snprintf(text + at, room - at, "v %u %u 0\n", x, y);
+    for (unsigned y = 0; y < side; y++)
+        for (unsigned x = 0; x < side; x++) {
+            const unsigned v = y * (side + 1) + x + 1;
+            at += (size_t)snprintf(text + at, room - at, "f %u %u %u %u\n", v, v + 1,
+                                   v + side + 2, v + side + 1);
+        }
+    return text;
+}
+
+// LOADs of previews whose files wait to be read are cancelled: those are not read.
+static void test_cancelled_previews_are_not_read(void **state)
+{
+    enum { N = 24, AT_ONCE = 4 };
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct frames *f = frames_open(&d);
+    Relight__CancelRequest cancel = RELIGHT__CANCEL_REQUEST__INIT;
+    Relight__LoadRequest load = RELIGHT__LOAD_REQUEST__INIT;
+    Relight__FileRef file = RELIGHT__FILE_REF__INIT, *files[] = {&file};
+    char *text = sheet(200), hash[65];
+    OK(relight_upload(client, "sheet.obj", text, strlen(text), NULL, NULL, hash, NULL, &error));
+    free(text);
+    file.name = "sheet.obj", file.blob = hash;
+    load.files = files, load.n_files = 1;
+    load.material = "marble";
+    load.preview = true;
+    unsigned before = count_in_log(" read ms=");
+    for (uint64_t i = 0; i < N; i++) {
+        load.size_mm = 10 + (float)i; // each is another model
+        frames_add(f, RELIGHT_TYPE_LOAD, 100 + i, &load.base, NULL, 0);
+    }
+    frames_send(f);
+    while (count_in_log(" read ms=") == before) sleep_ms(5); // the others are in the queue
+    for (uint64_t i = 0; i < N; i++) {
+        cancel.id = 100 + i;
+        frames_add(f, RELIGHT_TYPE_CANCEL, 1000 + i, &cancel.base, NULL, 0);
+    }
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 1000 + N - 1).code, 0);
+    load.size_mm = 99; // wanted, and behind all that were queued
+    frames_add(f, RELIGHT_TYPE_LOAD, 5000, &load.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 5000).code, 0);
+    unsigned read = count_in_log(" read ms=") - before;
+    print_message("%u of %d files were read\n", read, N + 1);
+    assert_true(read >= 2 && read <= 2 * AT_ONCE + N / 4);
+    frames_close(f);
+    relight_close(client);
+}
+
 // A wrong priority is refused.
 static void test_priorities(void **state)
 {
@@ -288,6 +347,55 @@ static void test_reduced_then_exact(void **state)
     relight_close(client);
 }
 
+// Colours under a light that turns, while pictures keep all workers: some frame is made of
+// fewer rows and says so, and the last one is what COLORS answers.
+static void test_reduced_colors_then_exact(void **state)
+{
+    // Three pictures at a time: the view's frames wait for one of them each, not for all.
+    struct stream pictures = {.depth = 3, .side = 1200, .id = 10, .turn = 90000};
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    struct relight_error error;
+    struct relight_light light = {.env = "constant:1,0.9,0.8", .gain = {1, 1, 1}};
+    const struct relight_view_request open = {
+        .model = model, .n_light = 1, .lights = &light, .window = 4, .colors = true};
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    OK(relight_view_open(client, &open, &view, &error));
+    pictures.f = f;
+    uint64_t sequence = 0;
+    bool reduced = false, exact = false;
+    for (int i = 0; i < 600 && !reduced; i++) {
+        light.gain[0] = 1 + 0.01f * (float)i;
+        OK(relight_view_set(view, 1, &light, NULL, NULL, &sequence, &error));
+        pump(&pictures, 0);
+        sleep_ms(30);
+        while (!reduced && !relight_view_next(view, 0.001, &frame, &error)) {
+            reduced = frame.has_colors && frame.colors.cost.reduced == 2;
+            relight_frame_out_finish(&frame);
+        }
+    }
+    assert_true(reduced);
+    while (!exact) {
+        OK(relight_view_next(view, 60, &frame, &error));
+        exact = frame.sequence == sequence && frame.has_colors && !frame.colors.cost.reduced;
+        if (!exact) relight_frame_out_finish(&frame);
+    }
+    const struct relight_colors_request request = {
+        .model = model, .n_light = 1, .lights = &light, .sum = true};
+    struct relight_colors colors;
+    OK(relight_colors(client, &request, &colors, &error));
+    float got[3 * OCTAHEDRON_VERTICES], want[3 * OCTAHEDRON_VERTICES];
+    assert_int_equal(relight_colors_decode(&frame.colors, 0, got), 0);
+    assert_int_equal(relight_colors_decode(&colors, 0, want), 0);
+    assert_memory_equal(got, want, sizeof got);
+    relight_colors_finish(&colors);
+    relight_frame_out_finish(&frame);
+    OK(relight_view_close(view, NULL, NULL, &error));
+    frames_close(f);
+    relight_close(client);
+}
+
 // BUSY says when to come back: longer where more waits.
 static void test_busy_says_when(void **state)
 {
@@ -338,10 +446,12 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cancelled_work_never_runs),
         cmocka_unit_test(test_cancelled_images_are_not_decoded),
+        cmocka_unit_test(test_cancelled_previews_are_not_read),
         cmocka_unit_test(test_greedy_and_modest),
         cmocka_unit_test(test_priorities),
         cmocka_unit_test(test_busy_says_when),
         cmocka_unit_test(test_reduced_then_exact),
+        cmocka_unit_test(test_reduced_colors_then_exact),
     };
     signal(SIGPIPE, SIG_IGN);
     return cmocka_run_group_tests_name("schedule", tests, setup, teardown);

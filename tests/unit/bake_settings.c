@@ -59,8 +59,8 @@ static void a_seed_keeps_its_digits(void **state)
     assert_non_null(text);
     assert_non_null(strstr(text, "\"seed\":18446744073709551614,"));
     assert_non_null(strstr(text, "\"max_error\":0.01,"));
-    assert_non_null(
-        strstr(text, "\"engine\":\"wavelet\",\"storage\":\"factored\",\"cube\":32,"));
+    assert_non_null(strstr(text, "\"engine\":\"wavelet\",\"storage\":\"factored\","
+                                 "\"scattering\":\"dipole\",\"cube\":32,"));
     free(text);
 }
 

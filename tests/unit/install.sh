@@ -10,7 +10,7 @@ fail() { echo "install.sh: $*" >&2; exit 1; }
 DESTDIR=$tmp "$cmake" --install "$build" >"$tmp/log" 2>&1 || { cat "$tmp/log" >&2; fail "cmake --install failed"; }
 bin=$(dirname "$(find "$tmp" -name relightd -type f)")
 prefix=$(dirname "$bin")
-for program in prt relight relightd relight-preview prt-bench; do
+for program in prt relight relightd relight-preview relight-control prt-bench; do
     [ -x "$bin/$program" ] || fail "$program is not installed"
 done
 "$bin/prt" --version >/dev/null
@@ -23,6 +23,12 @@ sed -n 's/^#\{0,1\}\([a-z-]*\) =.*/\1/p' "$conf" | sort -u >"$tmp/named"
 diff "$tmp/words" "$tmp/named" >&2 || fail "relightd.conf and --print-config name different options"
 unit=$(find "$tmp" -name relightd.service)
 grep -q '^ExecStart=/.*/relightd --config /.*/relightd.conf$' "$unit" || fail "the unit's ExecStart"
+rules=$prefix/lib/udev/rules.d/60-relight-control.rules
+grep -q 'ATTR{idVendor}=="046d", ATTR{idProduct}=="c626"' "$rules" || fail "no rule for the SpaceNavigator"
+# Each device that relight-control knows has its rule, and no other has one.
+sed -n 's/^ *{0x\([0-9a-f]*\), 0x\([0-9a-f]*\), KNOWN_.*/\1:\2/p' "$source/client/controller/known.c" | sort >"$tmp/known"
+sed -n 's/.*idVendor}=="\([0-9a-f]*\)", ATTR{idProduct}=="\([0-9a-f]*\)".*/\1:\2/p' "$rules" | sort >"$tmp/ruled"
+diff "$tmp/known" "$tmp/ruled" >&2 || fail "known.c and the udev rules name different devices"
 for file in sysusers.d tmpfiles.d; do
     [ -s "$prefix/lib/$file/relight.conf" ] || fail "no $file/relight.conf"
 done
@@ -34,7 +40,7 @@ if command -v systemd-analyze >/dev/null; then
         >"$tmp/verify" 2>&1 && [ ! -s "$tmp/verify" ] ||
         { cat "$tmp/verify" >&2; fail "systemd-analyze finds faults in the unit"; }
 fi
-for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man8/relightd.8 man5/relightd.conf.5 man3/relight.3; do
+for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man1/relight-control.1 man8/relightd.8 man5/relightd.conf.5 man3/relight.3; do
     [ -s "$prefix/share/man/$page" ] || fail "no $page"
 done
 # A page of section 3 for each function that the header declares, with its name and its outcome.

@@ -21,6 +21,13 @@ static unsigned add(struct vector *out, unsigned n, const char *name, const char
     return n + 1;
 }
 
+unsigned vector_add(struct vector *out, unsigned n, const char *name, const char *note,
+                    uint16_t type, uint8_t flags, uint64_t id, const ProtobufCMessage *message,
+                    const void *payload, uint64_t size)
+{
+    return add(out, n, name, note, type, flags, id, message, payload, size);
+}
+
 // Three vertices in two clusters: vertices 2 and 0 with one row, vertex 1 with two.
 static unsigned add_coefficients(struct vector *out, unsigned n)
 {
@@ -359,6 +366,24 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     drawn.cost = &spent;
     n = add(out, n, "image_answer", "S: IMAGE, 256 payload bytes in place of a picture's",
             13 | ANSWER, LAST, 13, &drawn.base, parts, sizeof parts);
+    static Relight__ColorsRequest ask_parts;
+    static Relight__Shade two_media;
+    static Relight__ObjectMaterial wax, *by_object[] = {&wax};
+    relight__colors_request__init(&ask_parts);
+    relight__shade__init(&two_media);
+    relight__object_material__init(&wax);
+    wax.object = "wax";
+    wax.material = "marble";
+    two_media.material = "ketchup";
+    two_media.n_materials = 1;
+    two_media.materials = by_object;
+    ask_parts.model = "3f9ad2c1";
+    ask_parts.n_lights = 1;
+    ask_parts.lights = lights;
+    ask_parts.shade = &two_media;
+    n = add(out, n, "colors_materials",
+            "C: COLORS, wax is marble and all other objects are ketchup", 12, LAST, 22,
+            &ask_parts.base, NULL, 0);
     static Relight__UpdateVerticesRequest update;
     static Relight__UpdateVerticesAnswer updated;
     static const float moved[2][2][3] = {{{1, 2, 3}, {-1, 0.5f, 0}}, {{0, 1, 0}, {1, 0, 0}}};
@@ -414,6 +439,19 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     posed.generation = UINT64_C(0x100000001);
     n = add(out, n, "put_pose_answer", "S: PUT_POSE", 26 | ANSWER, LAST, 17, &posed.base, NULL,
             0);
+    static Relight__PutPoseRequest moment;
+    static Relight__FileRef walker, *walkers[] = {&walker};
+    relight__put_pose_request__init(&moment);
+    relight__file_ref__init(&walker);
+    walker.name = "walker.glb";
+    walker.blob = (char *)(uintptr_t)hash;
+    moment.model = "3f9ad2c1";
+    moment.animation = "walk";
+    moment.time_s = 0.5f;
+    moment.n_files = 1;
+    moment.files = walkers;
+    n = add(out, n, "put_pose_animation", "C: PUT_POSE, half a second into an animation", 26,
+            LAST, 23, &moment.base, NULL, 0);
     shape.model = "3f9ad2c1";
     shape.pose = (char *)(uintptr_t)hash;
     n = add(out, n, "geometry_of_pose", "C: GEOMETRY of that pose", 11, LAST, 18, &shape.base,
@@ -515,6 +553,7 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     link.url = "/v1/models/bunny/image.jpg?by=anna&env=studio&expires=1700003600&rotate=30&sig="
                "F1cu3xt3O0FGPYZrjqZLObxbjMa2JhQo-zIWS6qc9kw";
     link.expires_s = 1700003600;
-    return add(out, n, "sign_answer", "S: SIGN by anna's token of token_create_answer",
-               35 | ANSWER, LAST, 22, &link.base, NULL, 0);
+    n = add(out, n, "sign_answer", "S: SIGN by anna's token of token_create_answer",
+            35 | ANSWER, LAST, 22, &link.base, NULL, 0);
+    return vectors_add_rooms(out, n);
 }

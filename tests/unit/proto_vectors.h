@@ -15,8 +15,14 @@ struct vector {
     const uint8_t *payload;
 };
 
-enum { MAX_VECTOR = 64 };
+enum { MAX_VECTOR = 96 };
 /* Fills vectors (static storage) and returns how many. */
 unsigned vectors_make(struct vector out[MAX_VECTOR]);
+/* Adds one behind n; returns n + 1. */
+unsigned vector_add(struct vector *out, unsigned n, const char *name, const char *note,
+                    uint16_t type, uint8_t flags, uint64_t id, const ProtobufCMessage *message,
+                    const void *payload, uint64_t size);
+/* Those of review rooms, behind n; returns how many there are then. */
+unsigned vectors_add_rooms(struct vector *out, unsigned n);
 
 #endif

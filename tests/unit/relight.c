@@ -645,6 +645,51 @@ static void many_queries_equal_one_by_one(void **state)
     }
 }
 
+// Colours from the first rows of each cluster are those of a transport without the others, bit
+// for bit, alone and beside queries for all rows. An odd number of rows is one more.
+static void fewer_rows_are_a_smaller_transport(void **state)
+{
+    static const uint32_t ranks[] = {2, 6, 8, 1000};
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube;
+    float *cut = malloc(12 * N), *whole = malloc(12 * N), *few = malloc(12 * N);
+    float *out[MANY];
+    some_cube(&cube);
+    for (int i = 0; i < MANY; i++) out[i] = malloc(12 * N);
+    for (size_t k = 0; k < sizeof ranks / sizeof *ranks; k++) {
+        struct prt_query q[MANY];
+        const bool planes[MANY] = {false};
+        transport_of(&t, &kind[0], &kind[1]);
+        for (uint32_t i = 0; i < t.mesh.n_surface; i++) t.mesh.surface[i].translucent = true;
+        for (int i = 0; i < MANY; i++)
+            q[i] = (struct prt_query){.light = &cube,
+                                      .term = PRT_ANSWER_TOTAL,
+                                      .most_rank = i % 2 ? ranks[k] - (k == 2) : 0};
+        assert_int_equal(prt_answer_colors(&ctx, &t, &q[0], (float(*)[3])whole), 0);
+        assert_int_equal(prt_answer_colors(&ctx, &t, &q[1], (float(*)[3])few), 0);
+        assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out), 0);
+        double off = difference(few, whole, 3 * N);
+        if (ranks[k] == 1000) assert_memory_equal(few, whole, 12 * N);
+        else assert_true(off > 1e-3);
+        for (int i = 0; i < MANY; i++)
+            assert_true(difference(out[i], i % 2 ? few : whole, 3 * N) < 1e-4);
+        for (uint32_t i = 0; i < t.n_tensor; i++)
+            for (uint32_t c = 0; c < t.tensor[i].n_cluster; c++) {
+                struct prt_cluster *own = (struct prt_cluster *)&t.tensor[i].cluster[c];
+                if (own->rank > ranks[k]) own->rank = ranks[k];
+            }
+        assert_int_equal(prt_answer_colors(&ctx, &t, &q[0], (float(*)[3])cut), 0);
+        assert_memory_equal(few, cut, 12 * N);
+        finish_transport(&t);
+    }
+    prt_cube_finish(&cube);
+    for (int i = 0; i < MANY; i++) free(out[i]);
+    free(cut);
+    free(whole);
+    free(few);
+}
+
 static void wrong_queries_are_refused(void **state)
 {
     struct prt_context ctx = quiet();
@@ -985,6 +1030,7 @@ int main(void)
         cmocka_unit_test(dropped_entries_hold_little),
         cmocka_unit_test(wrong_calls_are_refused),
         cmocka_unit_test(many_queries_equal_one_by_one),
+        cmocka_unit_test(fewer_rows_are_a_smaller_transport),
         cmocka_unit_test(wrong_queries_are_refused),
         cmocka_unit_test(answers_follow_the_command_contract),
         cmocka_unit_test(half_space_seen_from_the_side),

@@ -174,6 +174,7 @@ static void interleavings(void **unused)
 // ---- undo
 
 struct table {
+    char *principal; // of everybody; NULL: each has one of their own
     Relight__RoomState *state;
     uint64_t now_us;
 };
@@ -195,6 +196,7 @@ static int rotate(struct table *t, unsigned person, float deg, uint64_t pause_us
     a.scene.n_lights = 1;
     a.light[0].rotate_deg = deg;
     evt_make(&e, &a.action, person, 2, t->state->sequence + 1, t->now_us += pause_us);
+    if (t->principal) e.stamp.by = t->principal;
     return room_fold(t->state, &e.event, error);
 }
 
@@ -207,6 +209,7 @@ static int step_back(struct table *t, unsigned person, bool undo)
     if (undo) action.undo = &nothing;
     else action.redo = &nothing;
     evt_make(&e, &action, person, 2, t->state->sequence + 1, t->now_us += 5000000);
+    if (t->principal) e.stamp.by = t->principal;
     return room_fold(t->state, &e.event, error);
 }
 
@@ -219,11 +222,11 @@ static void lit(const struct table *t, float deg)
 enum { ANN, BOB };
 static const uint64_t slow = 5000000, fast = 40000;
 
-static void undo_by_person(void **unused)
+static void undo_of(char *principal)
 {
     struct rnd r;
     rnd_seed(&r, 3);
-    struct table t = {begin(&r), 1000000};
+    struct table t = {principal, begin(&r), 1000000};
     rotate(&t, ANN, 10, slow, 0);
     rotate(&t, ANN, 20, slow, 0);
     assert_int_equal(step_back(&t, ANN, true), 0);
@@ -249,11 +252,19 @@ static void undo_by_person(void **unused)
     room_state_free(t.state);
 }
 
+// Two people behind one principal are told apart by their names.
+static void undo_by_person(void **unused)
+{
+    static char address[] = "addr:127.0.0.1";
+    undo_of(NULL);
+    undo_of(address);
+}
+
 static void a_drag_is_one_step(void **unused)
 {
     struct rnd r;
     rnd_seed(&r, 3);
-    struct table t = {begin(&r), 1000000};
+    struct table t = {NULL, begin(&r), 1000000};
     rotate(&t, ANN, 1, slow, 0);
     for (int i = 0; i < 200; i++) rotate(&t, ANN, (float)(100 + i), i ? fast : slow, 0);
     assert_int_equal(t.state->n_undo, 2);
@@ -274,7 +285,7 @@ static void conflicts_are_told(void **unused)
 {
     struct rnd r;
     rnd_seed(&r, 3);
-    struct table t = {begin(&r), 1000000};
+    struct table t = {NULL, begin(&r), 1000000};
     uint64_t seen = t.state->sequence;
     assert_int_equal(rotate(&t, BOB, 5, slow, 0), 0);
     // Ann was offline since `seen`.
@@ -301,7 +312,7 @@ static void roles(void **unused)
 {
     struct rnd r;
     rnd_seed(&r, 9);
-    struct table t = {begin(&r), 1000000};
+    struct table t = {NULL, begin(&r), 1000000};
     unsigned tried = 0;
     for (int i = 0; i < 2000; i++) {
         struct room_act a;
@@ -353,7 +364,7 @@ static void notes_and_revisions(void **unused)
 {
     struct rnd r;
     rnd_seed(&r, 11);
-    struct table t = {begin(&r), 1000000};
+    struct table t = {NULL, begin(&r), 1000000};
     struct room_act a;
     memset(&a, 0, sizeof a);
     relight__room_action__init(&a.action);

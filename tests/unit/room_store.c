@@ -5,6 +5,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,10 +43,25 @@ static int teardown(void **state)
     return 0;
 }
 
+// In PostgreSQL each case has a database of its own (deploy/cluster/with_postgres).
+static bool in_postgres(void)
+{
+    return getenv("RELIGHT_TEST_POSTGRES") != NULL;
+}
+
 static void open_store(void)
 {
-    char error[256] = "";
-    if (room_store_sqlite.open(file, loop, &store, error)) fail_msg("%s", error);
+    char error[256] = "", where[300], command[400];
+    const char *server = getenv("RELIGHT_TEST_POSTGRES"), *name = strrchr(path, '/') + 1;
+    if (!server) {
+        if (room_store_sqlite.open(file, loop, &store, error)) fail_msg("%s", error);
+        return;
+    }
+    snprintf(command, sizeof command, "psql -qc 'CREATE DATABASE \"%s\"' '%s' >/dev/null 2>&1",
+             name, server);
+    (void)!system(command);
+    snprintf(where, sizeof where, "postgresql://relightd@/%s%s", name, strchr(server, '?'));
+    if (room_store_postgres.open(where, loop, &store, error)) fail_msg("%s", error);
 }
 
 static void refused(const char *word)
@@ -239,8 +255,120 @@ static void lists_and_closed_rooms(void **state)
     store->api->close(store);
 }
 
+// ---- several replicas on one database
+
+static struct room_change heard[16];
+static int n_heard;
+static void hear(void *user, const struct room_change *change)
+{
+    if (n_heard < 16) heard[n_heard++] = *change;
+}
+
+static void another_replica_hears(void **state)
+{
+    struct room_summary summary = {.name = "ann's", .owner = "token:ann"};
+    open_store();
+    struct room_store *mine = store;
+    open_store();
+    struct room_store *other = store;
+    other->changed = hear;
+    n_heard = 0;
+    usleep(300000); // it listens by then
+    store = mine;
+    struct room_task add = append_task(1), next = append_task(2), late = append_task(2);
+    add.summary = &summary;
+    run(&add), run(&next);
+    for (int i = 0; i < 100 && n_heard < 2; i++) loop_turn(loop, 20);
+    assert_int_equal(n_heard, 2);
+    assert_string_equal(heard[0].room, id);
+    assert_true(heard[0].summary && !heard[1].summary);
+    assert_int_equal(heard[1].sequence, 2);
+    // The other supposes a log that has grown meanwhile.
+    store = other;
+    static const uint8_t bytes[5] = "other";
+    late.bytes = bytes;
+    run(&late);
+    assert_int_equal(late.status, ROOM_TASK_CONFLICT);
+    struct room_task load = {.kind = ROOM_TASK_LOAD};
+    strcpy(load.room, id);
+    run(&load);
+    assert_int_equal(load.n_event, 2);
+    room_task_finish(&load);
+    mine->api->close(mine);
+    other->api->close(other);
+}
+
+static void psql(const char *sql_text)
+{
+    char command[600];
+    snprintf(command, sizeof command, "psql -qtc \"%s\" '%s' >/dev/null", sql_text,
+             getenv("RELIGHT_TEST_POSTGRES"));
+    assert_int_equal(system(command), 0);
+}
+
+// Its connections are ended: what was missed meanwhile is told, and no task notices.
+static void connections_are_lost(void **state)
+{
+    char text[400];
+    open_store();
+    store->changed = hear;
+    usleep(300000);
+    struct room_task first = append_task(1), second = append_task(2), third = append_task(3);
+    run(&first);
+    snprintf(text, sizeof text,
+             "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname='%s'",
+             strrchr(path, '/') + 1);
+    n_heard = 0;
+    psql(text);
+    run(&second);
+    assert_int_equal(second.status, ROOM_TASK_DONE);
+    bool all = false;
+    for (int i = 0; i < 200 && !all; i++) {
+        loop_turn(loop, 20);
+        for (int k = 0; k < n_heard; k++) all |= heard[k].all;
+    }
+    assert_true(all);
+    run(&third);
+    assert_int_equal(third.status, ROOM_TASK_DONE);
+    store->api->close(store);
+}
+
+// The server dies: nothing is acknowledged, the reason is told, and it goes on by itself.
+static void the_database_is_away(void **state)
+{
+    open_store();
+    struct room_task first = append_task(1), second = append_task(2);
+    run(&first);
+    assert_int_equal(first.status, ROOM_TASK_DONE);
+    int pid = 0;
+    FILE *f = fopen(getenv("RELIGHT_TEST_POSTGRES_PID"), "r");
+    assert_int_equal(fscanf(f, "%d", &pid), 1);
+    fclose(f);
+    kill(pid, SIGQUIT);
+    for (int i = 0; i < 200 && !store->away; i++) usleep(20000);
+    assert_true(store->away);
+    run(&second);
+    assert_int_equal(second.status, ROOM_TASK_FAILED);
+    if (!strstr(second.error, "away")) fail_msg("\"%s\"", second.error);
+    for (int i = 0; i < 1500 && store->away; i++) usleep(20000);
+    run(&second);
+    if (second.status) fail_msg("away %d: \"%s\"", (int)store->away, second.error);
+    assert_int_equal(second.status, ROOM_TASK_DONE);
+    store->api->close(store);
+}
+
 int main(void)
 {
+    if (in_postgres()) {
+        const struct CMUnitTest tests[] = {
+            cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
+            cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+            cmocka_unit_test_setup_teardown(another_replica_hears, setup, teardown),
+            cmocka_unit_test_setup_teardown(connections_are_lost, setup, teardown),
+            cmocka_unit_test_setup_teardown(the_database_is_away, setup, teardown),
+        };
+        return cmocka_run_group_tests(tests, NULL, NULL);
+    }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(version_1_is_brought_up_to_date, setup, teardown),
         cmocka_unit_test_setup_teardown(a_migration_that_fails_changes_nothing, setup,

@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: MIT
+// Two browsers in one review room: what one does the other sees, and how soon. For page.mjs, which
+// brings the daemon and the browser. Nothing fails by speed; the times are printed.
+import assert from "node:assert/strict";
+
+const named = (name) => ({
+  storageState: undefined,
+  viewport: { width: 1100, height: 700 },
+  init: `localStorage.setItem("relight-name", ${JSON.stringify(name)});`,
+});
+
+// The times at which a page showed a turn of its first lamp.
+const watchTurns = (page) =>
+  page.evaluate(() => {
+    const v = globalThis.relightViewer;
+    globalThis.turns = [];
+    const show = v.show.bind(v);
+    let last = null;
+    v.show = (state) => {
+      const turn = state.lamps[0].rotate.toFixed(3);
+      if (turn !== last) globalThis.turns.push([turn, Date.now()]);
+      last = turn;
+      show(state);
+    };
+  });
+const turnOf = (page) => page.evaluate(() => globalThis.relightViewer.state.lamps[0].rotate);
+
+// Until both show the same light: either may still be told of the other's last step.
+async function agree(a, b) {
+  const end = Date.now() + 120_000;
+  while (Math.abs((await turnOf(a)) - (await turnOf(b))) > 1e-3) {
+    assert.ok(Date.now() < end, `${await turnOf(a)} and ${await turnOf(b)} degrees`);
+    await a.waitForTimeout(50);
+  }
+}
+
+function quantile(values, share) {
+  const sorted = [...values].sort((a, b) => a - b);
+  return sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
+}
+
+async function placePin(page, text, at) {
+  await page.locator(".stage").focus();
+  await page.keyboard.press("p");
+  await page.mouse.click(...at);
+  await page.getByLabel("What is wrong here").fill(text);
+  const begin = Date.now();
+  await page.getByRole("button", { name: "Place the pin" }).click();
+  return begin;
+}
+
+/** tools: open, mode, settled, shot, axe, PATIENCE of page.mjs. */
+export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
+  // A page of its own person.
+  const enter = async (url, name) => {
+    const page = await open("about:blank", named(name));
+    await page.addInitScript(named(name).init);
+    await page.goto(url);
+    return page;
+  };
+  const inRoom = (page) => page.locator(".room-bar").waitFor(PATIENCE);
+
+  return {
+    async "two people review in a room"(home) {
+      const ann = await enter(`${home}/#model=marble.prt&light=page:studio@20,0`, "Ann");
+      await mode(ann, "mesh");
+      await ann.getByRole("button", { name: /^Rooms/ }).click();
+      await ann.getByLabel("A new room about this picture").fill("Bumps in marble");
+      await ann.getByRole("button", { name: "Create the room" }).click();
+      await inRoom(ann);
+      const link = ann.url();
+      assert.match(link, /\?room=[0-9a-f]{32}/);
+      const bob = await enter(link.replace(/#.*/, ""), "Bob Stone");
+      await inRoom(bob);
+      await mode(bob, "mesh");
+      await ann.getByTitle(/^Bob Stone, /).waitFor(PATIENCE);
+      await bob.getByTitle(/^Ann, /).waitFor(PATIENCE);
+
+      // Pins: from Ann's click to Bob's list.
+      const pins = [];
+      for (let i = 0; i < 6; i++) {
+        await bob.evaluate((n) => {
+          globalThis.seen = new Promise((resolve) => {
+            const look = () => {
+              if (document.querySelectorAll(".pin-row").length > n) resolve(Date.now());
+              else setTimeout(look, 2);
+            };
+            look();
+          });
+        }, i);
+        const begin = await placePin(ann, `spot ${i}, @Bob`, [
+          330 + 20 * i,
+          360 + 12 * (i % 3),
+        ]);
+        pins.push((await bob.evaluate(() => globalThis.seen)) - begin);
+      }
+      console.log(
+        `     a pin is in the other browser after ${quantile(pins, 0.5)} ms (median), ${quantile(pins, 0.95)} ms (p95; goal 300)`,
+      );
+      assert.equal(await bob.locator(".pin-mark").count(), 6);
+      await bob.locator(".pin-title").first().click();
+      await bob.getByLabel("Reply").fill("I see it");
+      await bob.keyboard.press("Control+Enter");
+      await ann.locator(".pin-title").first().click();
+      await ann.getByText("I see it").waitFor(PATIENCE);
+      assert.ok((await ann.locator(".pin-row .unread").count()) >= 1, "Bob's note is unread");
+      await bob.locator("img.seen").first().waitFor(PATIENCE);
+      await shot(ann, "room");
+
+      // A light drag: each step's time in both browsers.
+      await watchTurns(ann);
+      await watchTurns(bob);
+      await ann.locator(".stage").focus();
+      for (let i = 0; i < 50; i++) {
+        await ann.keyboard.press("Shift+ArrowRight");
+        await ann.waitForTimeout(40);
+      }
+      const last = (await turnOf(ann)).toFixed(3);
+      await bob.waitForFunction(
+        (turn) => globalThis.turns.some(([one]) => one === turn),
+        last,
+        PATIENCE,
+      );
+      const sent = new Map(await ann.evaluate(() => globalThis.turns));
+      const drags = (await bob.evaluate(() => globalThis.turns))
+        .filter(([turn]) => sent.has(turn))
+        .map(([turn, ms]) => ms - sent.get(turn));
+      assert.ok(drags.length > 10, `${drags.length} steps of the drag came over`);
+      console.log(
+        `     a light drag is there after ${quantile(drags, 0.5)} ms (median), ${quantile(drags, 0.95)} ms (p95; goal 150), ${drags.length} of ${sent.size} steps`,
+      );
+
+      // Alone, and back to all.
+      await bob.locator(".stage").focus();
+      await bob.keyboard.press("a");
+      const before = await turnOf(bob);
+      await ann.keyboard.press("Shift+ArrowLeft");
+      await ann.getByTitle(/Bob Stone, .*looks around alone/).waitFor(PATIENCE);
+      await bob.waitForTimeout(500);
+      assert.equal(await turnOf(bob), before);
+      await bob.keyboard.press("a");
+      await agree(ann, bob);
+      // Ann's own step back, for both.
+      const turned = await turnOf(bob);
+      await ann.getByRole("button", { name: /^Undo/ }).click();
+      await bob.waitForFunction(
+        (turn) => Math.abs(globalThis.relightViewer.state.lamps[0].rotate - turn) > 1e-3,
+        turned,
+        PATIENCE,
+      );
+
+      // Status, filters, a decision and what came after it.
+      await ann.getByRole("button", { name: "Resolve" }).click();
+      await bob.waitForFunction(
+        () => document.querySelectorAll(".pin-row").length === 5,
+        null,
+        PATIENCE,
+      );
+      await bob.getByRole("radio", { name: "Resolved" }).click();
+      assert.equal(await bob.locator(".pin-row").count(), 1);
+      await bob.getByRole("radio", { name: "Mine" }).click();
+      assert.equal(await bob.locator(".pin-row").count(), 6); // all mention him
+      await ann.getByLabel("Note of the decision").fill("as agreed");
+      await ann.getByRole("button", { name: "Approve" }).click();
+      await bob.getByText("approved as it is now").waitFor(PATIENCE);
+      await bob.locator(".stage").focus();
+      await bob.keyboard.press("Shift+ArrowRight");
+      await ann.getByText(/approved at revision \d+, changed since/).waitFor(PATIENCE);
+
+      // A guest by link looks, and may not pin.
+      await ann.getByRole("button", { name: "Invite" }).click();
+      await ann.getByLabel("May").selectOption({ label: "look" });
+      await ann.getByRole("button", { name: /Make a link/ }).click();
+      const invitation = await ann.getByLabel("Invitation").inputValue();
+      const guest = await enter(invitation, "Guest");
+      await inRoom(guest);
+      await mode(guest, "mesh");
+      assert.equal(await guest.getByRole("button", { name: "Pin", exact: true }).count(), 0);
+      assert.equal(await guest.getByText("Not permitted").count(), 0);
+      assert.ok(!guest.url().includes("relight_"), "the secret stays in the address");
+      await guest.context().close();
+
+      await ann.evaluate(axe);
+      const found = await ann.evaluate(() =>
+        globalThis.axe.run({ runOnly: ["wcag2a", "wcag2aa"] }),
+      );
+      assert.deepEqual(
+        found.violations.map((one) => `${one.id}: ${one.nodes[0].html}`),
+        [],
+      );
+
+      // On paper.
+      await ann.evaluate(() => {
+        globalThis.print = () => (globalThis.printed = true);
+      });
+      await ann.getByRole("button", { name: "Print" }).click();
+      await ann.waitForFunction(() => globalThis.printed, null, PATIENCE);
+      assert.equal(await ann.locator(".print section").count(), 7);
+      await ann.emulateMedia({ media: "print" });
+      await shot(ann, "room-print");
+      await ann.emulateMedia({ media: null });
+      await ann.getByRole("button", { name: "Back to the room" }).click();
+
+      await ann.context().close();
+      await bob.context().close();
+    },
+
+    // What was done offline is done once, and a conflict is told.
+    async "a room after a lost connection"(home) {
+      const ann = await enter(`${home}/#model=marble.prt&light=constant@0,0`, "Ann");
+      await mode(ann, "mesh");
+      await ann.getByRole("button", { name: /^Rooms/ }).click();
+      await ann.getByLabel("A new room about this picture").fill("Offline");
+      await ann.getByRole("button", { name: "Create the room" }).click();
+      await inRoom(ann);
+      const bob = await enter(ann.url().replace(/#.*/, ""), "Bob");
+      await inRoom(bob);
+      await mode(bob, "mesh");
+      // The link is down until it is put up again.
+      await bob.evaluate(() => {
+        const { client } = globalThis.relightViewer;
+        client.connect = () => undefined;
+        client.socket.close();
+      });
+      await bob.getByText("Offline", { exact: true }).first().waitFor(PATIENCE);
+      await bob.locator(".stage").focus();
+      await bob.keyboard.press("Shift+ArrowRight");
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("Shift+ArrowLeft");
+      await ann.waitForTimeout(600);
+      await bob.evaluate(() => {
+        const { client } = globalThis.relightViewer;
+        delete client.connect;
+        client.connect();
+      });
+      await bob.getByText(/another person changed the same part/).waitFor(PATIENCE);
+      await agree(ann, bob);
+      await ann.context().close();
+      await bob.context().close();
+    },
+  };
+}

@@ -1,0 +1,82 @@
+#!/bin/bash
+# SPDX-License-Identifier: MIT
+# Two relightd on one PostgreSQL (deploy/cluster/with_postgres): a token that one made is the other's, and is
+# refused there within a second of its revocation; who is invited at one may enter at the other; rooms go
+# from SQLite to PostgreSQL and back, event by event.
+#   rooms.sh FOLDER_OF_THE_PROGRAMS
+set -u
+export USER=ann
+bin=$1
+T=$(mktemp -d /tmp/relight-rooms-XXXXXX)
+pids=()
+trap 'for p in "${pids[@]}"; do kill "$p" 2>/dev/null; done; wait; rm -rf "$T"' EXIT
+cd "$T" || exit 1
+wrong() { echo "WRONG: $*"; tail -n 12 "$T"/*.log "$T/out" 2>/dev/null; exit 1; }
+start() { # NAME OPTION…
+    "$bin/relightd" --data "$T/$1" --listen "unix:$T/$1.s" --listen tcp:127.0.0.1:0 "${@:2}" 2>>"$T/$1.log" &
+    pids+=($!)
+    for _ in $(seq 200); do grep -q ' start version' "$T/$1.log" 2>/dev/null && return; sleep .05; done
+    wrong "$1 does not start"
+}
+stop() { kill "${pids[-1]}"; wait "${pids[-1]}"; unset 'pids[-1]'; }
+tcp() { sed -n 's/.*address=tcp:\(127.0.0.1:[0-9]*\).*/tcp:\1/p' "$T/$1.log" | tail -1; }
+ask() { timeout 30 "$bin/relight" -s "$@" >out 2>&1 </dev/null; }
+until_true() { # SECONDS COMMAND…
+    local end=$((SECONDS + $1))
+    shift
+    while ! "$@"; do [ $SECONDS -lt $end ] || return 1; sleep .05; done
+}
+
+# ---- rooms from SQLite, before there was a database
+start one
+printf 'v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n' >ball.obj
+printf 'f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n' >>ball.obj
+ask "unix:$T/one.s" load ball.obj --size-mm 20 --material marble --preview || wrong load
+ask "unix:$T/one.s" room create first --model ball --env constant --size 64x48 || wrong create
+room=$(grep -oE '[0-9a-f]{32}' out | head -1)
+ask "unix:$T/one.s" room pin "$room" "too red" --at 0,2,0.3,0.2 || wrong pin
+for i in 1 2 3; do ask "unix:$T/one.s" room reply "$room" 2 "reply $i" || wrong reply; done
+ask "unix:$T/one.s" room create second --model ball --env constant || wrong create
+ask "unix:$T/one.s" room show "$room" --json || wrong show
+cp out before
+stop
+rooms=$RELIGHT_TEST_POSTGRES
+"$bin/relightd" --copy-rooms sqlite:one/rooms.sqlite --rooms "$rooms" >out 2>&1 || wrong "copy to PostgreSQL"
+grep -q "2 rooms are the same" out || wrong "the copy's account"
+"$bin/relightd" --copy-rooms sqlite:one/rooms.sqlite --rooms "$rooms" >out 2>&1 || wrong "the same copy once more"
+grep -q " 0 events were copied" out || wrong "a copy that is there is made again"
+"$bin/relightd" --copy-rooms "$rooms" --rooms sqlite:back.sqlite >out 2>&1 || wrong "copy back"
+"$bin/relightd" --copy-rooms nothing:here --rooms sqlite:back.sqlite >out 2>&1 && wrong "a store of no kind"
+
+# ---- the same room by either replica, and from the copy
+start a --rooms "$rooms" --store "$T/shared"
+start b --rooms "$rooms" --store "$T/shared"
+for r in a b; do
+    ask "unix:$T/$r.s" room show "$room" --json || wrong "show by $r"
+    cmp -s out before || wrong "another room by $r"
+done
+start c --rooms sqlite:back.sqlite
+ask "unix:$T/c.s" room show "$room" --json && cmp -s out before || wrong "another room after the way back"
+stop
+echo "rooms went to PostgreSQL and back"
+
+# ---- tokens
+ask "unix:$T/a.s" token create --name ann --scope view,edit,upload || wrong "token create"
+token=$(grep -oE 'relight_[A-Za-z0-9_-]+' out | head -1)
+until_true 3 ask "$(tcp b)" models -k "$token" || wrong "b does not know the token"
+ask "$(tcp b)" models && wrong "b takes clients without a token"
+ask "$(tcp b)" models -k "${token}x" && wrong "b takes any token"
+ask "unix:$T/b.s" token list && grep -q ann out || wrong "b's list of tokens"
+ask "unix:$T/a.s" token revoke ann || wrong "token revoke"
+begin=$(date +%s%N)
+until_true 3 eval '! ask "$(tcp b)" models -k "$token"' || wrong "b takes a revoked token"
+ms=$((($(date +%s%N) - begin) / 1000000))
+[ $ms -lt 1000 ] || wrong "b refused the revoked token after $ms ms"
+echo "a token of one replica is the other's; revoked, it is refused there after $ms ms"
+
+# ---- invitations
+ask "unix:$T/a.s" room invite "$room" guest --role viewer || ask "unix:$T/a.s" room invite "$room" || wrong "invite"
+secret=$(grep -oE 'relight_guest_[A-Za-z0-9_-]+|relight_[A-Za-z0-9_-]{30,}' out | head -1)
+[ -n "$secret" ] || wrong "no secret of a guest"
+until_true 3 ask "$(tcp b)" room show "$room" -k "$secret" || wrong "the guest of a may not enter by b"
+echo "a guest of one replica enters by the other"

@@ -1,0 +1,101 @@
+#!/bin/bash
+# SPDX-License-Identifier: MIT
+# relightd --runner slurm beside a Slurm of its own (deploy/cluster/with_slurm): an array of four tasks
+# makes the bytes of a local bake, also where Slurm runs a task again and where relightd restarts
+# meanwhile; a bake is cancelled; errors are told in prt's words.
+#   slurm.sh FOLDER_OF_THE_PROGRAMS
+set -u
+bin=$1
+T=$(mktemp -d /tmp/relight-slurm-test-XXXXXX)
+daemon=
+trap '[ -z "$daemon" ] || kill "$daemon" 2>/dev/null; wait; rm -rf "$T"' EXIT
+cd "$T" || exit 1
+python3 - <<'PY'
+from math import cos, pi, sin
+with open("ball.obj", "w") as f:
+    for i in range(1, 12):
+        for k in range(24):
+            t, p = pi * i / 12, 2 * pi * k / 24
+            f.write("v %.9g %.9g %.9g\n" % (sin(t) * cos(p), cos(t), sin(t) * sin(p)))
+    f.write("v 0 1 0\nv 0 -1 0\n")
+    at = lambda i, k: 24 * i + k % 24 + 1
+    for i in range(10):
+        for k in range(24):
+            f.write("f %d %d %d\nf %d %d %d\n" % (at(i, k), at(i, k + 1), at(i + 1, k),
+                                                at(i, k + 1), at(i + 1, k + 1), at(i + 1, k)))
+    for k in range(24):
+        f.write("f 265 %d %d\nf 266 %d %d\n" % (at(0, k + 1), at(0, k), at(10, k), at(10, k + 1)))
+PY
+start() { # NAME OPTION…
+    local name=$1
+    shift
+    "$bin/relightd" --data "$T/$name" --listen "unix:$T/$name.s" "$@" 2>>"$T/$name.log" &
+    daemon=$!
+    for _ in $(seq 200); do [ -S "$T/$name.s" ] && break; sleep .05; done
+    export RELIGHT_SERVER=unix:$T/$name.s
+}
+stop() { kill "$daemon"; wait "$daemon"; daemon=; }
+wrong() { echo "WRONG: $*"; tail -n 20 "$T"/*.log; exit 1; }
+load() { "$bin/relight" load ball.obj --size-mm 10 --material marble --transport wavelet --samples "$1" --cube 16 "${@:2}"; }
+id_of() { sed -n 's/^\([0-9a-f]\{32\}\).*/\1/p' | head -1; }
+ready() { # ID SECONDS
+    local _
+    for _ in $(seq $(($2 * 5))); do
+        "$bin/relight" info "$1" 2>/dev/null | grep -q 'state: ready' && return 0
+        "$bin/relight" info "$1" 2>/dev/null | grep -q 'state: failed' && return 1
+        sleep .2
+    done
+    return 1
+}
+
+start local --bake-threads 1
+id=$(load 4000 | id_of)
+ready "$id" 60 || wrong "the local bake"
+stop
+
+slurm=(--runner slurm --slurm-tasks 4 --slurm-folder "$T/nodes" --bake-threads 1)
+mkdir nodes
+start slurm "${slurm[@]}"
+[ "$(load 4000 | id_of)" = "$id" ] || wrong "another id"
+ready "$id" 90 || wrong "the bake on Slurm"
+cmp "local/bakes/$id.prt" "slurm/bakes/$id.prt" || wrong "other bytes"
+[ -z "$(ls nodes)" ] || wrong "files are left for the nodes: $(ls nodes)"
+echo "an array of 4 made the bytes of the local bake"
+
+# A task that Slurm runs again, and a relightd that is killed: the same array goes on.
+id2=$(load 12000 | id_of)
+for _ in $(seq 100); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
+read -r array _ <"nodes/$id2/.slurm/array"
+scontrol requeue "${array}_0" || wrong "task 0 could not be requeued"
+kill -9 "$daemon"
+wait "$daemon" 2>/dev/null
+start slurm "${slurm[@]}"
+ready "$id2" 120 || wrong "the bake after a restart"
+grep -q "is followed again" slurm.log || wrong "the array was not followed again"
+stop
+start local --bake-threads 1
+[ "$(load 12000 | id_of)" = "$id2" ] && ready "$id2" 60 || wrong "the second local bake"
+cmp "local/bakes/$id2.prt" "slurm/bakes/$id2.prt" || wrong "other bytes after a requeue and a restart"
+stop
+echo "a requeued task and a killed relightd: the same bytes"
+
+start slurm "${slurm[@]}"
+job=$(load 60000 --seed 5 | sed -n 's/.*job \(job-[0-9a-f-]*\).*/\1/p')
+for _ in $(seq 100); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
+"$bin/relight" cancel "$job" >/dev/null || wrong "cancel"
+for _ in $(seq 100); do [ -z "$(squeue -h -t PD,R)" ] && break; sleep .1; done
+[ -z "$(squeue -h -t PD,R)" ] || wrong "Slurm goes on after a cancel"
+echo "a bake was cancelled"
+
+echo "v 0 0 0" >broken.obj
+"$bin/relight" load broken.obj --size-mm 10 --material marble --transport wavelet >out 2>&1
+id3=$(id_of <out)
+[ -z "$id3" ] || { ready "$id3" 30; "$bin/relight" info "$id3" >>out 2>&1; }
+grep -qiE 'triangle|face|empty|nothing' out || wrong "no words for a broken model: $(cat out)"
+"$bin/relight" load ball.obj --size-mm 10 --samples 9000000 --name big >out 2>&1
+id4=$(id_of <out)
+ready "$id4" 30
+"$bin/relight" info "$id4" >>out 2>&1
+grep -qE 'sbatch|memory' out || wrong "no words for a bake beyond the partition: $(cat out)"
+echo "errors come in their own words"
+stop

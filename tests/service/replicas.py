@@ -1,0 +1,187 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Two relightd on one folder (--store): each serves what the other took, a bake goes on where its
+replica died, and of random operations with SIGKILLs in between nothing acknowledged is lost.
+
+   replicas.py FOLDER_OF_THE_PROGRAMS FOLDER_OF_THE_PACKAGE OPERATIONS"""
+import hashlib
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+try:
+    import google.protobuf  # noqa: F401
+    import numpy as np
+except ImportError as missing:
+    print("skipped: %s; deploy/dependencies --tests installs it" % missing)
+    sys.exit(77)
+
+from web import OCTAHEDRON, sky
+
+sys.path.insert(0, sys.argv[2])
+import relight  # noqa: E402
+
+BAKE = {"samples": 200, "cube": 16, "single_points": 2, "transport": "wavelet", "material": "marble"}
+
+
+class Replica:
+    def __init__(self, folder, number):
+        self.address = "unix:%s/s%d" % (folder, number)
+        self.folder, self.number, self.client = folder, number, None
+        self.start()
+
+    def start(self):
+        log = open("%s/log%d" % (self.folder, self.number), "ab")
+        path = self.address[5:]
+        if os.path.exists(path):
+            os.unlink(path)
+        self.process = subprocess.Popen(
+            [sys.argv[1] + "/relightd", "--data", "%s/data%d" % (self.folder, self.number), "--store",
+             self.folder + "/shared", "--listen", self.address, "--store-poll", "0.5"], stderr=log)
+        log.close()
+        end = time.monotonic() + 20
+        while not os.path.exists(path):
+            assert time.monotonic() < end and self.process.poll() is None, "it does not start"
+            time.sleep(0.01)
+
+    def ask(self):
+        if not self.client:
+            self.client = relight.Client(self.address)
+        return self.client
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        self.client = None
+
+    def stop(self):
+        self.process.terminate()
+        assert self.process.wait(30) == 0
+
+
+def model_file(folder, scale):
+    """An octahedron of another size: another model."""
+    path = "%s/ball-%g.obj" % (folder, scale)
+    with open(path, "wb") as f:
+        f.write(OCTAHEDRON + b"# %g\n" % scale)
+    return path
+
+
+def until(what, seconds, call):
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            got = call()
+            if got is not None and got is not False:
+                return got
+        except relight.RelightError as error:
+            last = str(error)
+        else:
+            last = "not yet"
+        assert time.monotonic() < end, "%s: %s" % (what, last)
+        time.sleep(0.05)
+
+
+def each_serves_what_the_other_took(a, b, folder):
+    studio = a.ask().upload(sky(pixel=(128, 64, 32, 129)), "studio.hdr")
+    model = a.ask().load(model_file(folder, 1), size_mm=10, name="ball", **BAKE)
+    want = a.ask().colors(model, "env:" + studio, rotate=30)
+    assert np.array_equal(b.ask().colors("ball", "env:" + studio, rotate=30), want)
+    assert b.ask().colors(model[:10], "constant").shape == (6, 3)
+    # The same LOAD at the other needs no bake.
+    t = time.monotonic()
+    assert b.ask().load(model_file(folder, 1), size_mm=10, name="ball", **BAKE) == model
+    assert time.monotonic() - t < 2
+    # A model without a bake is read again; what one unloads goes everywhere.
+    preview = b.ask().load(model_file(folder, 2), size_mm=10, name="glance", material="marble",
+                           preview=True)
+    assert a.ask().image("glance", "constant", size=(64, 48), format="rgb8").pixels.shape[:2] == (48, 64)
+    assert a.ask().info(preview).id == preview
+    b.ask().unload(model, forget=True)
+    until("unloaded at the other", 10,
+          lambda: model not in [m.id for m in a.ask().models()])
+    print("each serves what the other took")
+
+
+def a_bake_goes_on_where_its_replica_died(a, b, folder):
+    settings = dict(BAKE, samples=12000, cube=16)
+    model = a.ask().load(model_file(folder, 3), size_mm=10, name="slow", wait=False, **settings)
+    time.sleep(0.3)
+    a.kill()
+    t = time.monotonic()
+    until("the other bakes", 200, lambda: b.ask().info(model).state == "ready")
+    want = b.ask().colors(model, "constant")
+    print("a bake went on at the other replica: ready %.1f s after its own died" % (time.monotonic() - t))
+    a.start()
+    assert np.array_equal(until("back", 20, lambda: a.ask().colors(model, "constant")), want)
+
+
+def nothing_acknowledged_is_lost(replicas, folder, n, rng):
+    blobs, models, kills, failed = {}, {}, 0, 0
+    for i in range(n):
+        r = rng.choice(replicas)
+        act = rng.random()
+        try:
+            if act < 0.70:
+                data = rng.randbytes(rng.randrange(1, 60000))
+                blobs[r.ask().upload(data, "blob%d" % i)] = len(data)
+            elif act < 0.72 and len(models) < 8 + n // 500:
+                scale = 100 + len(models)
+                model = r.ask().load(model_file(folder, scale), size_mm=10, wait=False, **BAKE)
+                models[model] = scale
+            elif act < 0.96 and models:
+                r.ask().info(rng.choice(list(models)))
+            elif act > 0.97:
+                r.kill()
+                r.start()
+                kills += 1
+        except (relight.RelightError, OSError) as error:
+            code = getattr(error, "code", "DISCONNECTED")
+            assert code in ("DISCONNECTED", "UNREACHABLE", "BUSY"), (code, str(error))
+            r.client, failed = None, failed + 1
+    for model in models:
+        want = None
+        for r in replicas:
+            until("%s at %d" % (model, r.number), 120, lambda: r.ask().info(model).state == "ready")
+            got = r.ask().colors(model, "constant")
+            assert want is None or np.array_equal(got, want)
+            want = got
+    for name, size in blobs.items():
+        with open("%s/shared/blobs/%s/%s" % (folder, name[:2], name), "rb") as f:
+            data = f.read()
+        assert len(data) == size and hashlib.sha256(data).hexdigest() == name, name
+    print("%d operations, %d kills, %d refused or cut: %d blobs and %d bakes intact"
+          % (n, kills, failed, len(blobs), len(models)))
+    assert kills > 0 and len(blobs) > n // 3
+
+
+def main():
+    folder = tempfile.mkdtemp(prefix="relightd-replicas-")
+    seed = int(os.environ.get("SEED", "1"))
+    replicas = []
+    try:
+        replicas = [Replica(folder, 1), Replica(folder, 2)]
+        each_serves_what_the_other_took(*replicas, folder)
+        a_bake_goes_on_where_its_replica_died(*replicas, folder)
+        nothing_acknowledged_is_lost(replicas, folder, int(sys.argv[3]), random.Random(seed))
+        for r in replicas:
+            r.stop()
+    except BaseException:
+        for r in replicas:
+            with open("%s/log%d" % (folder, r.number), encoding="utf-8", errors="replace") as f:
+                print("---- replica %d\n%s" % (r.number, f.read()[-6000:]))
+        raise
+    finally:
+        for r in replicas:
+            if r.process.poll() is None:
+                r.process.kill()
+                r.process.wait()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+main()

@@ -1,0 +1,196 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Animations of glTF files against closed forms: a bar of two bones, a morph target, nested nodes,
+the three interpolations; damaged files.
+
+   tests/unit/animation.py PATH/TO/prt"""
+import copy
+import json
+import math
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import animated  # noqa: E402
+
+PRT = os.path.abspath(sys.argv[1])
+failed = 0
+
+
+def expect(good, text):
+    global failed
+    if not good:
+        failed += 1
+        print('FAIL: ' + text)
+
+
+def run(*args, status=0):
+    done = subprocess.run([PRT, *args], capture_output=True, text=True, timeout=120)
+    expect(done.returncode == status, '%s: status %d: %s' % (' '.join(args), done.returncode, done.stderr))
+    return done.stdout + done.stderr
+
+
+def vertices(path, *args):
+    """Positions and normals of the posed model, from a .ply of its irradiance."""
+    run('colors', path, '--env', 'constant', '--term', 'irradiance', '--cube', '16', '--samples', '100',
+        '--material', 'marble', '--mm-per-unit', '1', *args, '-o', 'out.glb', '--quiet')
+    with open('out.glb', 'rb') as f:
+        data = f.read()
+    n = struct.unpack('<I', data[12:16])[0]
+    head, body = json.loads(data[20:20 + n]), data[28 + n:]
+    out = []
+    for name in ('POSITION', 'NORMAL'):
+        which = head['meshes'][0]['primitives'][0]['attributes'].get(name)
+        if which is None:
+            continue
+        a = head['accessors'][which]
+        at = head['bufferViews'][a['bufferView']].get('byteOffset', 0) + a.get('byteOffset', 0)
+        out.append([struct.unpack('<3f', body[at + 12 * i:at + 12 * i + 12]) for i in range(a['count'])])
+    return out
+
+
+def near(got, want, what, most=2e-5):
+    worst = max(abs(x - y) for a, b in zip(got, want) for x, y in zip(a, b))
+    expect(len(got) == len(want) and worst < most, '%s: off by %g' % (what, worst))
+
+
+def turn(p, centre, degrees):
+    """About +z through the centre."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    x, y = p[0] - centre[0], p[1] - centre[1]
+    return (centre[0] + c * x - s * y, centre[1] + s * x + c * y, p[2])
+
+
+def bar():
+    """The upper bone turns by 90 degrees about its joint in the first second."""
+    for bits in (8, 16):
+        for mode in ('LINEAR', 'CUBICSPLINE', 'STEP'):
+            model = animated.bar(bits=bits, mode=mode)
+            model.write('bar.gltf')
+            rest = model.position
+            for time, angle in ((0, 0), (0.25, 22.5), (0.5, 45), (1, 90), (7, 90)):
+                if mode == 'STEP':
+                    angle = 0 if time < 1 else 90
+                if mode == 'CUBICSPLINE':  # flat tangents: 3u^2 - 2u^3 between the quaternions
+                    u = min(time, 1)
+                    w = 3 * u * u - 2 * u ** 3
+                    a, b = (0, 1), (math.sin(math.pi / 4), math.cos(math.pi / 4))
+                    angle = 2 * math.degrees(math.atan2(w * b[0], (1 - w) * a[1] + w * b[1]))
+                want = []
+                for p, upper in zip(rest, model.upper):
+                    bent = turn(p, (0, 10, 0), angle)
+                    # linear blend skinning: the mean of the two places by weight
+                    want.append([(1 - upper) * x + upper * y for x, y in zip(p, bent)])
+                got = vertices('bar.gltf', '--animation', 'bend', '--time', str(time))
+                near(got[0], want, 'bar %d bits %s at %g s' % (bits, mode, time))
+    # weights that sum to 2 are normalised; the file's own node transform of the mesh is ignored
+    model = animated.bar(bits=8, mode='LINEAR', weight=2, node_translation=(5, 5, 5))
+    model.write('bar.gltf')
+    got = vertices('bar.gltf', '--animation', 'be', '--time', '1')
+    near(got[0], [[(1 - u) * x + u * y for x, y in zip(p, turn(p, (0, 10, 0), 90))]
+                  for p, u in zip(model.position, model.upper)], 'weights of sum 2')
+    if len(got) > 1:
+        whole = [i for i, u in enumerate(model.upper) if u == 1]
+        near([got[1][i] for i in whole], [turn(model.normal[i], (0, 0, 0), 90) for i in whole], 'normals', 1e-3)
+
+
+def morph():
+    model = animated.ball_that_grows()
+    model.write('grow.gltf')
+    for time, weight in ((0, 0), (0.5, 0.5), (1, 1)):
+        got = vertices('grow.gltf', '--animation', 'grow', '--time', str(time))
+        near(got[0], [[x * (1 + weight) for x in p] for p in model.position], 'morph at %g' % time)
+
+
+def nested():
+    """A mesh below three turning nodes, without a skin."""
+    model = animated.carousel()
+    model.write('carousel.gltf')
+    got = vertices('carousel.gltf', '--animation', 'turn', '--time', '0.5')
+    want = []
+    for p in model.position:
+        for _ in range(3):
+            p = turn(p, (0, 0, 0), 15)
+            p = (p[0] + 2, p[1], p[2])
+        want.append(p)
+    near(got[0], want, 'nested nodes')
+    bind = vertices('carousel.gltf')
+    near(bind[0], [(p[0] + 6, p[1], p[2]) for p in model.position], 'the bind pose')
+
+
+def tool():
+    animated.bar().write('bar.gltf')
+    info = json.loads(run('info', 'bar.gltf', '--json').split('\n')[0])
+    expect(info['animations_s'] == {'bend': 1}, 'prt info: %s' % info.get('animations_s'))
+    lit = ['--env', 'constant', '--material', 'marble', '--size', '40x30', '--size-mm', '20', '-o', 'x.png', '--quiet']
+    run('image', 'bar.gltf', '--engine', 'texture', '--animation', 'bend', '--time', '0.5', *lit)
+    for words, text in ((['--animation', 'bond'], 'did you mean bend?'), (['--time', '1'], '--time is for'),
+                        (['--animation', 'bend', '--time', 'nan'], 'time')):
+        said = run('image', 'bar.gltf', *words, *lit, status=2)
+        expect(text in said, said)
+    animated.plain().write('plain.gltf')
+    expect('has no animations' in run('image', 'plain.gltf', '--animation', 'x', *lit, status=2), 'no animations')
+
+
+def damaged():
+    good = animated.bar().document()
+    nan = float('nan')
+
+    def change(text, edit):
+        model = copy.deepcopy(good)
+        edit(model)
+        with open('bad.gltf', 'w', encoding='utf-8') as f:
+            f.write(json.dumps(model))
+        said = run('colors', 'bad.gltf', '--env', 'constant', '--term', 'irradiance', '--material', 'marble',
+                   '--mm-per-unit', '1', '--animation', 'bend', '-o', 'x.csv', status=1)
+        expect(text in said and said.count('\n') <= 2, '%s: %s' % (text, said))
+
+    def channel(m):
+        return m['animations'][0]['channels'][0]
+
+    def sampler(m):
+        return m['animations'][0]['samplers'][0]
+
+    def attribute(m):
+        return m['meshes'][0]['primitives'][0]['attributes']
+
+    def data(m, accessor, values):
+        animated.replace(m, accessor, values)
+
+    change('node does not exist', lambda m: channel(m)['target'].update(node=99))
+    change('sampler does not exist', lambda m: channel(m).update(sampler=-1))
+    change('interpolation is unknown', lambda m: sampler(m).update(interpolation='CUBIC'))
+    change('does not exist', lambda m: sampler(m).update(input=1e30))
+    change('not as many values', lambda m: sampler(m).update(interpolation='CUBICSPLINE'))
+    change('times do not increase', lambda m: data(m, sampler(m)['input'], [1.0, 0.5]))
+    change('times do not increase', lambda m: data(m, sampler(m)['input'], [0.0, nan]))
+    change('not finite', lambda m: data(m, sampler(m)['output'], [0, 0, 0, nan, 0, 0, 0, 1]))
+    change('has no length', lambda m: data(m, sampler(m)['output'], [0.0] * 8))
+    change('skin 7 does not exist', lambda m: m['nodes'][2].update(skin=7))
+    change('is no node of the file', lambda m: m['skins'][0].update(joints=[0, 99]))
+    change('is not in the scene', lambda m: (m['nodes'].append({}), m['skins'][0].update(joints=[0, 3])))
+    change('no joints', lambda m: m['skins'][0].update(joints=[]))
+    change('names joint 1 of 1', lambda m: m['skins'][0].update(joints=[0]))
+    change('inverse bind matrices', lambda m: m['accessors'][m['skins'][0]['inverseBindMatrices']].update(count=1))
+    change('components where 16', lambda m: m['skins'][0].update(inverseBindMatrices=attribute(m)['POSITION']))
+    change('one element for each', lambda m: m['accessors'][attribute(m)['JOINTS_0']].update(count=3))
+    change('unsigned whole numbers', lambda m: attribute(m).update(JOINTS_0=attribute(m)['WEIGHTS_0']))
+    change('a weight of vertex', lambda m: data(m, attribute(m)['WEIGHTS_0'], [-1.0]))
+    change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
+
+
+def main():
+    os.chdir(tempfile.mkdtemp(prefix='prt-animation-'))
+    bar()
+    morph()
+    nested()
+    tool()
+    damaged()
+    return failed
+
+
+if __name__ == '__main__':
+    sys.exit(main() > 0)

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: MIT
+// relight-control without devices: report descriptors and reports, dead zones and curves,
+// mapping files, and what a change does to a scene.
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "control.h"
+#include "usb_reports.h"
+
+static const struct hid_field *field_of(const struct hid_description *d, const char *name)
+{
+    for (uint32_t i = 0; i < d->n_field; i++)
+        if (!strcmp(d->field[i].name, name)) return &d->field[i];
+    fail_msg("no field %s", name);
+    return NULL;
+}
+
+static void descriptors(void **state)
+{
+    struct hid_description d;
+    char fault[HID_FAULT];
+    int64_t value;
+    assert_true(hid_parse(navigator_report, sizeof navigator_report, &d, fault));
+    assert_int_equal(d.n_field, 9); // six axes, two buttons, a light
+    assert_true(d.numbered);
+    const struct hid_field *rz = field_of(&d, "rz"), *led = field_of(&d, "led75");
+    assert_int_equal(rz->report, 2);
+    assert_int_equal(rz->bit, 32);
+    assert_int_equal(rz->minimum, -350);
+    assert_int_equal(rz->maximum, 350);
+    const uint8_t turned[7] = {2, 0, 0, 0, 0, 0x51, 0xff},
+                  other[7] = {1, 0, 0, 0, 0, 0x51, 0xff};
+    assert_true(hid_value(&d, rz, turned, 7, &value));
+    assert_int_equal(value, -175);
+    assert_false(hid_value(&d, rz, other, 7, &value));
+    assert_true(hid_is_report(&d, turned, 7));
+    assert_false(hid_is_report(&d, turned, 6)); // its last byte is missing
+    assert_false(hid_value(&d, rz, turned, 6, &value));
+    uint8_t out[4];
+    assert_int_equal(hid_output(&d, led, 1, out, sizeof out), 2);
+    assert_int_equal(out[0], 4);
+    assert_int_equal(out[1], 1);
+    // The knob's reports have no id, and a maximum of 1023 without a sign.
+    assert_true(hid_parse(knob_report, sizeof knob_report, &d, fault));
+    assert_false(d.numbered);
+    assert_true(field_of(&d, "dial")->relative);
+    const uint8_t knob[4] = {0xfe, 0xff, 0x03, 0x01};
+    assert_true(hid_value(&d, field_of(&d, "dial"), knob, 4, &value) && value == -2);
+    assert_true(hid_value(&d, field_of(&d, "slider"), knob, 4, &value) && value == 1023);
+    assert_true(hid_value(&d, field_of(&d, "button1"), knob, 4, &value) && value == 1);
+}
+
+// Continuous at the end of the dead zone, odd, 1 at full deflection.
+static void curves(void **state)
+{
+    const struct map_entry e = {.dead = .06, .curve = 1.5}, linear = {.curve = 1};
+    assert_true(mapping_curve(&e, .06) == 0);
+    assert_true(mapping_curve(&e, .0601) < 1e-4);
+    assert_true(fabs(mapping_curve(&e, .5) - pow(.44 / .94, 1.5)) < 1e-12);
+    assert_true(mapping_curve(&e, -.5) == -mapping_curve(&e, .5));
+    assert_true(fabs(mapping_curve(&e, 1) - 1) < 1e-12);
+    assert_true(mapping_curve(&e, 7) == mapping_curve(&e, 1));
+    assert_true(mapping_curve(&linear, .25) == .25);
+}
+
+static void mapping_files(void **state)
+{
+    static const struct {
+        const char *text, *fault;
+    } bad[] = {
+        {"{", "line 1: no valid JSON"},
+        {"[]", "expected an object"},
+        {"{\"devices\": 3}", "expected a list"},
+        {"{\"devices\": [{\"vendor\": \"46d\", \"product\": \"c626\", \"map\": []}]}",
+         "devices[0].vendor"},
+        {"{\"devices\": [{\"vendor\": \"046d\", \"product\": \"c626\", \"maps\": []}]}",
+         "no such field"},
+        {"{\"devices\": [{\"vendor\": \"046d\", \"product\": \"c626\", \"map\": [{\"control\": \"rz\", "
+         "\"target\": \"exposure\", \"curve\": 9}]}]}",
+         "devices[0].map[0].curve: expected a number in [0.2, 5]"},
+        {"{\"devices\": [{\"vendor\": \"046d\", \"product\": \"c626\", \"map\": []}, {\"vendor\": "
+         "\"046D\", \"product\": \"c626\", \"map\": []}]}",
+         "devices[1]: is there twice"},
+    };
+    char path[] = "/tmp/relight-map-XXXXXX", fault[MAPPING_FAULT];
+    struct mapping m, again;
+    close(mkstemp(path));
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        FILE *file = fopen(path, "w");
+        fputs(bad[i].text, file);
+        fclose(file);
+        assert_false(mapping_read(path, &m, fault));
+        if (!strstr(fault, bad[i].fault)) fail_msg("%s in place of %s", fault, bad[i].fault);
+    }
+    memset(&m, 0, sizeof m);
+    m.n_device = 1;
+    m.device[0] =
+        (struct device_map){.vendor = 0x46d, .product = 0xc626, .led = .5, .n_entry = 1};
+    m.device[0].entry[0] = (struct map_entry){"rz", TARGET_CAMERA_ZOOM, -1.25, .06, 2};
+    assert_true(mapping_write(path, &m, fault));
+    assert_true(mapping_read(path, &again, fault));
+    assert_memory_equal(&m, &again, sizeof m);
+    unlink(path);
+}
+
+// ---- scenes
+
+static double number_at(const cJSON *json, const char *a, const char *b)
+{
+    const cJSON *item = cJSON_GetObjectItem(cJSON_GetObjectItem(json, a), b);
+    return cJSON_IsNumber(item) ? item->valuedouble : NAN;
+}
+
+static void scenes(void **state)
+{
+    cJSON *scene = cJSON_Parse("{\"lights\": [{\"rotate_deg\": 350}, {\"rotate_deg\": 5}], "
+                               "\"camera\": {\"eye\": {\"x\": 0, \"y\": 0, \"z\": 4}}}");
+    cJSON *base = cJSON_Duplicate(scene, 1), *parts = cJSON_CreateArray();
+    struct change c = {0};
+    c.delta[TARGET_LIGHT_AZIMUTH] = 20;
+    c.delta[TARGET_CAMERA_AZIMUTH] = 90;
+    c.delta[TARGET_CAMERA_ZOOM] = 1;
+    assert_true(scene_change(scene, base, &c, 0, parts));
+    assert_int_equal(cJSON_GetArraySize(parts), 2);
+    const cJSON *lights = cJSON_GetObjectItem(scene, "lights");
+    assert_true(cJSON_GetObjectItem(cJSON_GetArrayItem(lights, 0), "rotate_deg")->valuedouble ==
+                10);
+    assert_true(cJSON_GetObjectItem(cJSON_GetArrayItem(lights, 1), "rotate_deg")->valuedouble ==
+                5);
+    // A quarter about +y, at half the distance.
+    const cJSON *camera = cJSON_GetObjectItem(scene, "camera");
+    assert_true(fabs(number_at(camera, "eye", "x") - 2) < 1e-6);
+    assert_true(fabs(number_at(camera, "eye", "z")) < 1e-6);
+    // Straight up it stops before the pole.
+    memset(&c, 0, sizeof c);
+    c.delta[TARGET_CAMERA_ELEVATION] = 170;
+    assert_true(scene_change(scene, base, &c, -1, parts));
+    double height = number_at(cJSON_GetObjectItem(scene, "camera"), "eye", "y");
+    assert_true(fabs(height - 2 * sin(89 * M_PI / 180)) < 1e-5);
+    // A slider counts from where the program began; reset goes back there.
+    memset(&c, 0, sizeof c);
+    c.has_position[TARGET_EXPOSURE] = true;
+    c.position[TARGET_EXPOSURE] = 1.5;
+    for (int i = 0; i < 2; i++) assert_true(scene_change(scene, base, &c, -1, parts));
+    assert_true(number_at(scene, "picture", "exposure_ev") == 1.5);
+    struct change back = {.reset = true};
+    assert_true(scene_change(scene, base, &back, -1, parts));
+    assert_true(cJSON_Compare(scene, base, 1));
+    struct change none = {0};
+    assert_false(scene_change(scene, base, &none, -1, parts));
+    cJSON_Delete(parts);
+    cJSON_Delete(base);
+    cJSON_Delete(scene);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(descriptors), cmocka_unit_test(curves),
+                                       cmocka_unit_test(mapping_files),
+                                       cmocka_unit_test(scenes)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

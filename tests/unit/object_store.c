@@ -1,0 +1,354 @@
+// SPDX-License-Identifier: MIT
+// The folder that replicas share: what was acknowledged is there with its bytes whatever
+// process is killed; a claim has one holder, and is taken over when it does not change any
+// more.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/loop.h"
+#include "frame.h"
+#include "store/object_store.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+static char folder[64], shared[96];
+
+static int setup(void **state)
+{
+    strcpy(folder, "/tmp/relight-objects-XXXXXX");
+    assert_non_null(mkdtemp(folder));
+    snprintf(shared, sizeof shared, "%s/shared", folder);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf %s", folder);
+    return system(command);
+}
+
+static struct object_store *open_store(void)
+{
+    char error[256];
+    struct object_store *store;
+    if (object_store_open(shared, &store, error)) fail_msg("%s", error);
+    return store;
+}
+
+// A file of n bytes that follow from the seed, and its hash.
+static void make_file(const char *path, uint32_t seed, size_t n, char hash[65])
+{
+    struct relight_sha256 sha;
+    FILE *file = fopen(path, "w");
+    if (!file) abort();
+    relight_sha256_init(&sha);
+    for (size_t i = 0; i < n; i++) {
+        seed = seed * 1664525u + 1013904223u;
+        unsigned char c = (unsigned char)(seed >> 24);
+        relight_sha256_add(&sha, &c, 1);
+        fputc(c, file);
+    }
+    relight_sha256_hex(&sha, hash);
+    fclose(file);
+}
+
+static void one_machine_needs_none(void **state)
+{
+    char error[256];
+    struct object_store *store;
+    struct object_claim *claim;
+    struct object_watch watch = {0};
+    uint64_t n;
+    assert_int_equal(object_store_open("", &store, error), 0);
+    assert_false(object_store_shared(store));
+    assert_int_equal(object_get(store, OBJECT_BLOB, "00112233", "/nowhere"), -ENOENT);
+    assert_int_equal(object_put(store, OBJECT_BLOB, "00112233", "/nowhere"), 0);
+    assert_int_equal(object_claim_take(store, "00112233", 1, &watch, &claim), 0);
+    assert_int_equal(object_claim_beat(claim, "half"), 0);
+    object_claim_release(claim);
+    assert_int_equal(object_collect(store, 1, &n), 0);
+    object_store_close(store);
+}
+
+static void what_is_put_is_got(void **state)
+{
+    struct object_store *a = open_store(), *b = open_store();
+    char file[128], copy[128], hash[65], other[65], *text;
+    uint64_t bytes;
+    snprintf(file, sizeof file, "%s/file", folder);
+    snprintf(copy, sizeof copy, "%s/copy", folder);
+    make_file(file, 1, 3000000, hash);
+    assert_int_equal(object_get(b, OBJECT_BLOB, hash, copy), -ENOENT);
+    assert_int_equal(object_put(a, OBJECT_BLOB, hash, file), 0);
+    assert_int_equal(object_put(b, OBJECT_BLOB, hash, file), 0);
+    assert_int_equal(object_find(b, OBJECT_BLOB, hash, &bytes), 0);
+    assert_int_equal(bytes, 3000000);
+    assert_int_equal(object_get(b, OBJECT_BLOB, hash, copy), 0);
+    // A blob under another's name is taken by no replica.
+    make_file(file, 2, 10, other);
+    other[0] = other[0] == '0' ? '1' : '0';
+    assert_int_equal(object_put(a, OBJECT_BLOB, other, file), -EBADMSG);
+    assert_int_equal(object_find(b, OBJECT_BLOB, other, &bytes), -ENOENT);
+    assert_int_equal(object_put(a, OBJECT_BLOB, "../../../etc/passwd", file), -EINVAL);
+    // Damage in the folder is noticed.
+    char path[200];
+    snprintf(path, sizeof path, "%s/blobs/%.2s/%s", shared, hash, hash);
+    assert_int_equal(truncate(path, 100), 0);
+    assert_int_equal(object_get(b, OBJECT_BLOB, hash, copy), -EBADMSG);
+    assert_int_equal(object_write(a, "0123456789", "one"), 0);
+    assert_int_equal(object_write(b, "0123456789", "two"), 0);
+    assert_int_equal(object_read(a, "0123456789", &text), 0);
+    assert_string_equal(text, "two");
+    free(text);
+    // A folder that is not mounted is no empty store.
+    snprintf(path, sizeof path, "%s/store", shared);
+    assert_int_equal(rename(path, file), 0);
+    assert_int_equal(object_get(b, OBJECT_BAKE, "0123456789", copy), -EIO);
+    assert_int_equal(rename(file, path), 0);
+    FILE *f = fopen(path, "w");
+    fputs("relight store 2\n", f);
+    fclose(f);
+    char error[256];
+    struct object_store *none;
+    assert_int_equal(object_store_open(shared, &none, error), -EPROTO);
+    assert_non_null(strstr(error, "relight store 2"));
+    object_store_close(a);
+    object_store_close(b);
+}
+
+static void claims_are_watched_by_the_observers_clock(void **state)
+{
+    struct object_store *a = open_store(), *b = open_store();
+    struct object_claim *mine, *theirs;
+    struct object_watch watch = {0};
+    const char *id = "0123456789abcdef";
+    assert_int_equal(object_claim_take(a, id, .2, &watch, &mine), 0);
+    // Its file's time is an hour off, forwards or back: nobody looks at it. A lease of a
+    // minute, since this process may be stopped for longer than .2 s.
+    for (int hour = -1; hour <= 1; hour += 2) {
+        char path[200];
+        struct timespec t = {time(NULL) + hour * 3600, 0}, both[2] = {t, t};
+        snprintf(path, sizeof path, "%s/claims/%s.000001", shared, id);
+        assert_int_equal(utimensat(AT_FDCWD, path, both, 0), 0);
+        assert_int_equal(object_claim_take(b, id, 60, &watch, &theirs), -EBUSY);
+        usleep(150000);
+        assert_int_equal(object_claim_beat(mine, "half"), 0);
+        assert_int_equal(object_claim_take(b, id, 60, &watch, &theirs), -EBUSY);
+        usleep(150000);
+        assert_int_equal(object_claim_take(b, id, 60, &watch, &theirs), -EBUSY);
+        assert_non_null(strstr(watch.text, "half"));
+        assert_int_equal(object_claim_beat(mine, "more"), 0);
+        assert_int_equal(object_claim_take(b, id, 60, &watch, &theirs), -EBUSY);
+    }
+    usleep(250000);
+    assert_int_equal(object_claim_take(b, id, .2, &watch, &theirs), 0);
+    assert_int_equal(object_claim_beat(mine, "late"), -ESTALE);
+    assert_int_equal(object_claim_beat(theirs, ""), 0);
+    object_claim_release(mine);
+    memset(&watch, 0, sizeof watch);
+    assert_int_equal(object_claim_take(a, id, .2, &watch, &mine), -EBUSY);
+    object_claim_release(theirs);
+    assert_int_equal(object_claim_take(a, id, .2, &watch, &mine), 0);
+    object_claim_release(mine);
+    object_store_close(a);
+    object_store_close(b);
+}
+
+// Numbers begin again at 1 after a release: neither the watcher of an old claim nor its late
+// owner may take it for the new one.
+static void a_released_claim_is_another(void **state)
+{
+    struct object_store *a = open_store(), *b = open_store();
+    struct object_claim *mine, *late, *theirs;
+    struct object_watch watch = {0};
+    const char *id = "0123456789abcdef";
+    assert_int_equal(object_claim_take(a, id, .1, &watch, &mine), 0);
+    assert_int_equal(object_claim_take(b, id, .1, &watch, &theirs), -EBUSY);
+    object_claim_release(mine);
+    struct object_watch fresh = {0};
+    assert_int_equal(object_claim_take(a, id, .1, &fresh, &late), 0);
+    usleep(150000);
+    assert_int_equal(object_claim_take(b, id, .1, &watch, &theirs), -EBUSY);
+    usleep(150000);
+    assert_int_equal(object_claim_take(b, id, .1, &watch, &theirs), 0);
+    object_claim_release(theirs);
+    assert_int_equal(object_claim_take(b, id, .1, &watch, &theirs), 0);
+    assert_int_equal(object_claim_beat(late, ""), -ESTALE);
+    object_claim_release(late);
+    assert_int_equal(object_claim_beat(theirs, ""), 0);
+    object_claim_release(theirs);
+    object_store_close(a);
+    object_store_close(b);
+}
+
+static void used_objects_are_not_collected(void **state)
+{
+    struct object_store *a = open_store();
+    char file[128], path[200], hash[3][65];
+    uint64_t n, bytes;
+    snprintf(file, sizeof file, "%s/file", folder);
+    for (uint32_t i = 0; i < 3; i++) {
+        make_file(file, i, 100, hash[i]);
+        assert_int_equal(object_put(a, i ? OBJECT_BAKE : OBJECT_BLOB, hash[i], file), 0);
+        snprintf(path, sizeof path, "%s/%s/%.2s/%s%s", shared, i ? "bakes" : "blobs", hash[i],
+                 hash[i], i ? ".prt" : "");
+        struct timespec t = {time(NULL) - 5000, 0}, both[2] = {t, t};
+        assert_int_equal(utimensat(AT_FDCWD, path, both, 0), 0);
+    }
+    object_write(a, hash[1], "its model");
+    assert_int_equal(object_collect(a, 6000, &n), 0);
+    assert_int_equal(n, 0);
+    assert_int_equal(object_collect(a, 4000, &n), 0);
+    assert_int_equal(n, 2); // the one with a record stays
+    assert_int_equal(object_find(a, OBJECT_BAKE, hash[1], &bytes), 0);
+    assert_int_equal(object_find(a, OBJECT_BAKE, hash[2], &bytes), -ENOENT);
+    object_store_close(a);
+}
+
+// ---- processes that are killed
+
+enum { PROCESSES = 4, OBJECTS = 24, CLAIMS = 4 };
+static int acknowledged; // a file to which each process appends the objects that it put
+// Claims in the order in which they were taken, and the last of them that held afterwards:
+// one pair an id, shared by the processes.
+static struct turns {
+    _Atomic unsigned taken, held;
+} * turns;
+
+// Holds a claim, sometimes beyond its lease. Law: once a later owner held it, no beat of this
+// one succeeds.
+static void hold(struct object_claim *claim, struct turns *t, bool sleep)
+{
+    unsigned mine = atomic_fetch_add(&t->taken, 1) + 1, held = atomic_load(&t->held);
+    int err = object_claim_beat(claim, "works");
+    if (!err) {
+        while (held < mine && !atomic_compare_exchange_weak(&t->held, &held, mine)) {
+        }
+        if (sleep) usleep(150000);
+        bool replaced = atomic_load(&t->held) > mine;
+        err = object_claim_beat(claim, "ends");
+        if (!err && replaced) _exit(5);
+    }
+    if (err && err != -ESTALE) _exit(6);
+    object_claim_release(claim);
+}
+
+// What one process does until it is killed: puts, gets, claims, collects.
+static void act(unsigned seed)
+{
+    struct object_store *store = open_store();
+    char file[128], copy[128], hash[65], id[20];
+    struct object_watch watch[CLAIMS] = {0};
+    uint64_t n, bytes;
+    snprintf(file, sizeof file, "%s/file-%d", folder, (int)getpid());
+    snprintf(copy, sizeof copy, "%s/copy-%d", folder, (int)getpid());
+    for (;;) {
+        uint32_t i = (uint32_t)rand_r(&seed) % OBJECTS;
+        switch (rand_r(&seed) % 4) {
+        case 0:
+            make_file(file, i, 1000 + 4000 * i, hash);
+            if (!object_put(store, OBJECT_BLOB, hash, file) &&
+                write(acknowledged, &i, sizeof i) != sizeof i)
+                _exit(3);
+            break;
+        case 1:
+            make_file(file, i, 1000 + 4000 * i, hash);
+            if (!object_find(store, OBJECT_BLOB, hash, &bytes) &&
+                object_get(store, OBJECT_BLOB, hash, copy))
+                _exit(4);
+            break;
+        case 2: {
+            struct object_claim *claim;
+            snprintf(id, sizeof id, "%016x", i % CLAIMS);
+            if (!object_claim_take(store, id, .1, &watch[i % CLAIMS], &claim))
+                hold(claim, &turns[i % CLAIMS], rand_r(&seed) % 8 == 0);
+            break;
+        }
+        default:
+            if (rand_r(&seed) % 16 == 0 && object_collect(store, 3600, &n)) _exit(7);
+        }
+    }
+}
+
+static bool faulty;
+
+// All processes are ended before the test fails: none writes into its folder any more.
+static void end(pid_t pid)
+{
+    int how;
+    kill(pid, SIGKILL);
+    waitpid(pid, &how, 0);
+    if (WIFEXITED(how)) {
+        print_error("a process found fault %d\n", WEXITSTATUS(how));
+        faulty = true;
+    }
+}
+
+static void nothing_acknowledged_is_lost(void **state)
+{
+    char path[128], copy[128], hash[65];
+    pid_t pid[PROCESSES] = {0};
+    unsigned seed = 1,
+             kills = getenv("OBJECT_KILLS") ? (unsigned)atoi(getenv("OBJECT_KILLS")) : 40;
+    bool put[OBJECTS] = {false};
+    uint32_t i;
+    snprintf(path, sizeof path, "%s/acknowledged", folder);
+    acknowledged = open(path, O_CREAT | O_RDWR | O_APPEND, 0600);
+    turns = mmap(NULL, CLAIMS * sizeof *turns, PROT_READ | PROT_WRITE,
+                 MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    assert_ptr_not_equal(turns, MAP_FAILED);
+    for (unsigned k = 0; k < kills; k++) {
+        pid_t *p = &pid[k % PROCESSES];
+        if (*p) end(*p);
+        if (!(*p = fork())) act(k * 7919u);
+        usleep(20000 + (useconds_t)rand_r(&seed) % 40000);
+    }
+    for (int k = 0; k < PROCESSES; k++) end(pid[k]);
+    assert_false(faulty);
+    munmap(turns, CLAIMS * sizeof *turns);
+    struct object_store *store = open_store();
+    unsigned n = 0, all = 0;
+    lseek(acknowledged, 0, SEEK_SET);
+    while (read(acknowledged, &i, sizeof i) == sizeof i) put[i % OBJECTS] = true, all++;
+    snprintf(path, sizeof path, "%s/file", folder);
+    snprintf(copy, sizeof copy, "%s/copy", folder);
+    for (i = 0; i < OBJECTS; i++) {
+        make_file(path, i, 1000 + 4000 * i, hash);
+        if (put[i] && object_get(store, OBJECT_BLOB, hash, copy))
+            fail_msg("object %u was acknowledged and is lost", i);
+        n += put[i];
+    }
+    print_message("%u kills, %u puts acknowledged, %u objects intact\n", kills, all, n);
+    assert_true(n > OBJECTS / 2);
+    object_store_close(store);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(one_machine_needs_none, setup, teardown),
+        cmocka_unit_test_setup_teardown(what_is_put_is_got, setup, teardown),
+        cmocka_unit_test_setup_teardown(claims_are_watched_by_the_observers_clock, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(a_released_claim_is_another, setup, teardown),
+        cmocka_unit_test_setup_teardown(used_objects_are_not_collected, setup, teardown),
+        cmocka_unit_test_setup_teardown(nothing_acknowledged_is_lost, setup, teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
