@@ -17,6 +17,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import assert from "node:assert/strict";
 import { roomScenarios } from "./rooms.mjs";
+import { toy } from "./toy.mjs";
 
 const [bin, web, shots] = process.argv.slice(2);
 const require = createRequire(join(web, "package.json"));
@@ -59,15 +60,17 @@ function bumpySphere() {
 function bake() {
   mkdirSync(join(folder, "models"));
   writeFileSync(join(folder, "bumps.obj"), bumpySphere());
+  writeFileSync(join(folder, "toy.glb"), toy());
   const common = ["--size-mm", "20", "--cube", "16", "--samples", "6000"];
-  for (const [name, extra] of [
-    ["marble", ["--material", "marble"]],
-    ["open", []],
+  for (const [name, file, extra] of [
+    ["marble", "bumps.obj", ["--material", "marble"]],
+    ["open", "bumps.obj", []],
+    ["toy", "toy.glb", ["--material", "Left=marble", "--material", "skin1"]],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
     const done = spawnSync(join(bin, "prt"), [
       "bake",
-      join(folder, "bumps.obj"),
+      join(folder, file),
       ...common,
       ...extra,
       "-o",
@@ -258,19 +261,26 @@ const againstDaemon = (page) =>
 // ---- scenarios
 
 const scenarios = {
-  async "a model is shown, and its picture is that of the daemon"(home) {
-    const page = await open(`${home}/#model=marble.prt&light=page:window@40,0`);
-    await mode(page, "mesh");
-    await settled(page);
-    await coefficients(page);
-    const { rmse, pixels } = await againstDaemon(page);
-    console.log(
-      `  against the daemon's picture: ${(100 * rmse).toFixed(2)} % of ${pixels} pixels`,
-    );
-    assert.ok(pixels > 5000);
-    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
-    await shot(page, "model");
-    await page.context().close();
+  async "models are shown, one with maps, and their pictures are those of the daemon"(home) {
+    for (const [model, more] of [
+      ["marble.prt", ""],
+      ["toy.prt", ""],
+      ["toy.prt", "&term=multiple"],
+    ]) {
+      const page = await open(`${home}/#model=${model}&light=page:window@40,0${more}`);
+      await mode(page, "mesh");
+      await coefficients(page);
+      await page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
+      const { rmse, pixels } = await againstDaemon(page);
+      console.log(
+        `  ${model}${more} against the daemon's picture: ` +
+          `${(100 * rmse).toFixed(2)} % of ${pixels} pixels`,
+      );
+      assert.ok(pixels > 5000);
+      assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+      await shot(page, more ? "maps-multiple" : model.replace(".prt", ""));
+      await page.context().close();
+    }
   },
 
   async "colours and coefficients give the same picture, that of the daemon"(home) {
