@@ -18,6 +18,7 @@ import { join } from "node:path";
 import assert from "node:assert/strict";
 import { reviewScenarios } from "./review.mjs";
 import { roomScenarios } from "./rooms.mjs";
+import { toy } from "./toy.mjs";
 
 const [bin, web, shots] = process.argv.slice(2);
 const require = createRequire(join(web, "package.json"));
@@ -66,18 +67,20 @@ function shorter(line) {
 function bake() {
   mkdirSync(join(folder, "models"));
   writeFileSync(join(folder, "bumps.obj"), bumpySphere());
+  writeFileSync(join(folder, "toy.glb"), toy());
   // Another model of nearly the same surface: pins of the first find their place by position.
   writeFileSync(join(folder, "shorter.obj"), bumpySphere().replace(/^v .*$/gm, shorter));
   const common = ["--size-mm", "20", "--cube", "16", "--samples", "6000"];
-  for (const [name, extra, shape = "bumps"] of [
-    ["marble", ["--material", "marble"]],
-    ["open", []],
-    ["shorter", ["--material", "wholemilk"], "shorter"],
+  for (const [name, file, extra] of [
+    ["marble", "bumps.obj", ["--material", "marble"]],
+    ["open", "bumps.obj", []],
+    ["toy", "toy.glb", ["--material", "Left=marble", "--material", "skin1"]],
+    ["shorter", "shorter.obj", ["--material", "wholemilk"]],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
     const done = spawnSync(join(bin, "prt"), [
       "bake",
-      join(folder, `${shape}.obj`),
+      join(folder, file),
       ...common,
       ...extra,
       "-o",
@@ -282,19 +285,26 @@ const againstDaemon = (page) =>
 // ---- scenarios
 
 const scenarios = {
-  async "a model is shown, and its picture is that of the daemon"(home) {
-    const page = await open(`${home}/#model=marble.prt&light=page:window@40,0`);
-    await mode(page, "mesh");
-    await settled(page);
-    await coefficients(page);
-    const { rmse, pixels } = await againstDaemon(page);
-    console.log(
-      `  against the daemon's picture: ${(100 * rmse).toFixed(2)} % of ${pixels} pixels`,
-    );
-    assert.ok(pixels > 5000);
-    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
-    await shot(page, "model");
-    await page.context().close();
+  async "models are shown, one with maps, and their pictures are those of the daemon"(home) {
+    for (const [model, more] of [
+      ["marble.prt", ""],
+      ["toy.prt", ""],
+      ["toy.prt", "&term=multiple"],
+    ]) {
+      const page = await open(`${home}/#model=${model}&light=page:window@40,0${more}`);
+      await mode(page, "mesh");
+      await coefficients(page);
+      await page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
+      const { rmse, pixels } = await againstDaemon(page);
+      console.log(
+        `  ${model}${more} against the daemon's picture: ` +
+          `${(100 * rmse).toFixed(2)} % of ${pixels} pixels`,
+      );
+      assert.ok(pixels > 5000);
+      assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+      await shot(page, more ? "maps-multiple" : model.replace(".prt", ""));
+      await page.context().close();
+    }
   },
 
   async "colours and coefficients give the same picture, that of the daemon"(home) {
@@ -643,7 +653,7 @@ const scenarios = {
   },
 
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
-  ...reviewScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
+  ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 
   // Last: a token closes the daemon for the others.
   async "a token is wanted, and rights are respected"(home, port) {

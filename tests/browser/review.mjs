@@ -10,7 +10,7 @@ const named = (name) => ({
 });
 
 /** tools: as roomScenarios of rooms.mjs. */
-export function reviewScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
+export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }) {
   const enter = async (url, name) => {
     const page = await open("about:blank", named(name));
     await page.addInitScript(`localStorage.setItem("relight-name", ${JSON.stringify(name)});`);
@@ -178,6 +178,7 @@ export function reviewScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
       );
       await ann.locator(".pin-title", { hasText: "goes" }).click();
       await ann.getByText(/It cannot be placed on this model/).waitFor(PATIENCE);
+      await settled(ann);
       await shot(ann, "room-replaced");
 
       // A link to the pin, in another browser.
