@@ -36,7 +36,7 @@ function octahedron(n: number, hash: string): Mesh {
     positions: Float32Array.from(positions),
     normals: new Float32Array(positions.length),
     triangles: Uint32Array.from(triangles),
-    uv: null,
+    uv: [],
     tint: null,
     blocked: null,
     parts: [],
