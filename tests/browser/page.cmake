@@ -10,5 +10,5 @@ if(TARGET page)
     ${CMAKE_BINARY_DIR}/bin ${web})
   add_test(NAME page_package COMMAND ${NODE_PROGRAM} ${CMAKE_CURRENT_LIST_DIR}/package.mjs ${web})
   set_tests_properties(page_types page_style page_units page_browser page_package PROPERTIES LABELS browser
-    TIMEOUT 600 SKIP_RETURN_CODE 77)
+    SKIP_RETURN_CODE 77)
 endif()

@@ -1,8 +1,8 @@
 # A whole cluster on loopback, and the files that go with it. Visible skips where packages are missing.
 add_test(NAME cluster COMMAND ${CMAKE_SOURCE_DIR}/deploy/cluster/try ${CMAKE_BINARY_DIR}/bin)
-set_tests_properties(cluster PROPERTIES TIMEOUT 400 LABELS cluster SKIP_RETURN_CODE 77)
+set_tests_properties(cluster PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
 add_test(NAME cluster_files COMMAND ${CMAKE_CURRENT_LIST_DIR}/files.sh ${CMAKE_SOURCE_DIR}/deploy/cluster
   ${CMAKE_BINARY_DIR})
-set_tests_properties(cluster_files PROPERTIES TIMEOUT 120 LABELS cluster SKIP_RETURN_CODE 77)
+set_tests_properties(cluster_files PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
 add_test(NAME packages COMMAND ${CMAKE_CURRENT_LIST_DIR}/packages.sh ${CMAKE_BINARY_DIR})
-set_tests_properties(packages PROPERTIES TIMEOUT 200 LABELS "cluster;long" SKIP_RETURN_CODE 77)
+set_tests_properties(packages PROPERTIES LABELS "cluster;long" SKIP_RETURN_CODE 77)

@@ -3,8 +3,8 @@
 foreach(name room_store room_life)
   add_test(NAME ${name}_postgres
     COMMAND ${CMAKE_SOURCE_DIR}/deploy/cluster/with_postgres $<TARGET_FILE:test_${name}>)
-  set_tests_properties(${name}_postgres PROPERTIES TIMEOUT 300 LABELS cluster SKIP_RETURN_CODE 77)
+  set_tests_properties(${name}_postgres PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
 endforeach()
 add_test(NAME replicas_rooms COMMAND ${CMAKE_SOURCE_DIR}/deploy/cluster/with_postgres
   ${CMAKE_CURRENT_LIST_DIR}/rooms.sh ${CMAKE_BINARY_DIR}/bin)
-set_tests_properties(replicas_rooms PROPERTIES TIMEOUT 120 LABELS cluster SKIP_RETURN_CODE 77)
+set_tests_properties(replicas_rooms PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)

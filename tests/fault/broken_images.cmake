@@ -1,1 +1,1 @@
-prt_test(broken_images SOURCES fault/broken_images.c LIBS prt_light prt_base LABELS fault TIMEOUT 300)
+prt_test(broken_images SOURCES fault/broken_images.c LIBS prt_light prt_base LABELS fault)

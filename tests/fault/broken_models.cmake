@@ -1,1 +1,1 @@
-prt_test(broken_models SOURCES fault/broken_models.c LIBS prt_mesh LABELS fault TIMEOUT 300)
+prt_test(broken_models SOURCES fault/broken_models.c LIBS prt_mesh LABELS fault)

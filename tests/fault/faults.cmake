@@ -4,7 +4,7 @@ if(NOT PRT_SANITIZE AND NOT CMAKE_CROSSCOMPILING)
   target_link_libraries(faults PRIVATE prt_options)
   target_compile_options(faults PRIVATE -fno-builtin)
   foreach(name allocations files)
-    prt_test(faults_${name} SOURCES fault/${name}.c LIBS librelight LABELS fault TIMEOUT 300)
+    prt_test(faults_${name} SOURCES fault/${name}.c LIBS librelight LABELS fault)
     target_include_directories(test_faults_${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service
       ${CMAKE_CURRENT_SOURCE_DIR}/fault)
     target_compile_definitions(test_faults_${name} PRIVATE FAULTS_LIBRARY="$<TARGET_FILE:faults>")

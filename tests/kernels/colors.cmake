@@ -1,1 +1,1 @@
-prt_test(color_kernels SOURCES kernels/colors.c LIBS prt LABELS kernels TIMEOUT 60)
+prt_test(color_kernels SOURCES kernels/colors.c LIBS prt LABELS kernels)

@@ -1,1 +1,1 @@
-prt_test(exit SOURCES ${CMAKE_CURRENT_LIST_DIR}/exit.c physics/bodies.c LIBS prt_bake prt_screen LABELS physics TIMEOUT 300)
+prt_test(exit SOURCES ${CMAKE_CURRENT_LIST_DIR}/exit.c physics/bodies.c LIBS prt_bake prt_screen LABELS physics)

@@ -1,1 +1,1 @@
-prt_test(physics_light SOURCES physics/light.c LIBS prt_light prt_base LABELS physics TIMEOUT 300)
+prt_test(physics_light SOURCES physics/light.c LIBS prt_light prt_base LABELS physics)

@@ -1,1 +1,1 @@
-prt_test(materials SOURCES ${CMAKE_CURRENT_LIST_DIR}/materials.c physics/bodies.c LIBS prt_bake LABELS physics TIMEOUT 600)
+prt_test(materials SOURCES ${CMAKE_CURRENT_LIST_DIR}/materials.c physics/bodies.c LIBS prt_bake LABELS physics)

@@ -1,2 +1,2 @@
-prt_test(path SOURCES physics/path.c LIBS prt_bake LABELS physics TIMEOUT 120)
+prt_test(path SOURCES physics/path.c LIBS prt_bake LABELS physics)
 target_include_directories(test_path PRIVATE ${CMAKE_SOURCE_DIR}/libprt)

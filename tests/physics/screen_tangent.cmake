@@ -1,2 +1,2 @@
 prt_test(screen_tangent SOURCES physics/screen_tangent.c physics/screen_stage.c physics/bodies.c LIBS prt_screen prt_reference
-  LABELS physics TIMEOUT 400)
+  LABELS physics)

@@ -11,7 +11,7 @@ endif()
 pkg_check_modules(CJSON REQUIRED IMPORTED_TARGET libcjson)
 pkg_check_modules(UMOCKDEV REQUIRED IMPORTED_TARGET umockdev-1.0)
 prt_test(controller SOURCES service/controller.c service/usb_mock.c
-  LIBS librelight PkgConfig::UMOCKDEV PkgConfig::CJSON LABELS service TIMEOUT 300)
+  LIBS librelight PkgConfig::UMOCKDEV PkgConfig::CJSON LABELS service)
 target_include_directories(test_controller PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
 target_compile_definitions(test_controller PRIVATE CONTROL_PRELOAD="${control_preload}")
 add_dependencies(test_controller relightd prt_program relight-control)

@@ -1,5 +1,5 @@
 foreach(name door reload)
-  prt_test(${name} SOURCES service/${name}.c LIBS librelight relightd_rooms LABELS service TIMEOUT 120)
+  prt_test(${name} SOURCES service/${name}.c LIBS librelight relightd_rooms LABELS service)
   target_include_directories(test_${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
   add_dependencies(test_${name} relightd prt_program)
 endforeach()

@@ -2,4 +2,4 @@
 find_program(SYSTEM_PYTHON3 python3 PATHS /usr/bin NO_DEFAULT_PATH)
 add_test(NAME media_daemon COMMAND ${SYSTEM_PYTHON3} ${CMAKE_CURRENT_LIST_DIR}/media_daemon.py
   ${CMAKE_BINARY_DIR}/bin ${CMAKE_BINARY_DIR}/python)
-set_tests_properties(media_daemon PROPERTIES TIMEOUT 400 LABELS service)
+set_tests_properties(media_daemon PROPERTIES LABELS service)

@@ -1,3 +1,3 @@
 # relight and relight-preview with a live relightd, from outside.
 add_test(NAME preview COMMAND bash ${CMAKE_CURRENT_LIST_DIR}/preview.sh ${CMAKE_BINARY_DIR}/bin)
-set_tests_properties(preview PROPERTIES TIMEOUT 600 LABELS service)
+set_tests_properties(preview PROPERTIES LABELS service)

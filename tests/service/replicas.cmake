@@ -2,7 +2,7 @@
 if(SYSTEM_PYTHON3 AND TARGET python_client)
   add_test(NAME replicas COMMAND ${SYSTEM_PYTHON3}
     ${CMAKE_CURRENT_LIST_DIR}/replicas.py ${CMAKE_BINARY_DIR}/bin ${CMAKE_BINARY_DIR}/python 300)
-  set_tests_properties(replicas PROPERTIES TIMEOUT 600 LABELS service SKIP_RETURN_CODE 77)
+  set_tests_properties(replicas PROPERTIES LABELS service SKIP_RETURN_CODE 77)
   add_test(NAME replicas_long COMMAND ${SYSTEM_PYTHON3}
     ${CMAKE_CURRENT_LIST_DIR}/replicas.py ${CMAKE_BINARY_DIR}/bin ${CMAKE_BINARY_DIR}/python 10000)
   set_tests_properties(replicas_long PROPERTIES TIMEOUT 3000 LABELS "service;long"

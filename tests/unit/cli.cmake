@@ -1,3 +1,3 @@
 # The prt program from outside: words, exit statuses, files.
 add_test(NAME cli COMMAND bash ${CMAKE_CURRENT_LIST_DIR}/cli.sh $<TARGET_FILE:prt_program>)
-set_tests_properties(cli PROPERTIES TIMEOUT 600 LABELS "unit")
+set_tests_properties(cli PROPERTIES LABELS "unit")

@@ -1,1 +1,1 @@
-prt_test(client SOURCES unit/client.c LIBS librelight LABELS unit TIMEOUT 60)
+prt_test(client SOURCES unit/client.c LIBS librelight LABELS unit)

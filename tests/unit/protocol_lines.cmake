@@ -1,3 +1,3 @@
 # The length of lines in PROTOCOL.md, and its table of types.
 add_test(NAME protocol_lines COMMAND ${CMAKE_CURRENT_LIST_DIR}/protocol_lines.py ${CMAKE_SOURCE_DIR})
-set_tests_properties(protocol_lines PROPERTIES TIMEOUT 300 LABELS unit)
+set_tests_properties(protocol_lines PROPERTIES LABELS unit)
