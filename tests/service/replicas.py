@@ -103,6 +103,7 @@ def each_serves_what_the_other_took(a, b, folder):
     # A model without a bake is read again; what one unloads goes everywhere.
     preview = b.ask().load(model_file(folder, 2), size_mm=10, name="glance", material="marble",
                            preview=True)
+    until("listed at the other", 20, lambda: preview in [m.id for m in a.ask().models()])
     assert a.ask().image("glance", "constant", size=(64, 48), format="rgb8").pixels.shape[:2] == (48, 64)
     assert a.ask().info(preview).id == preview
     b.ask().unload(model, forget=True)
