@@ -32,7 +32,8 @@ cp -r "$tmp/debs" "$root/debs"
 printf '#!/bin/sh\nexit 101\n' >"$root/usr/sbin/policy-rc.d"
 chmod 755 "$root/usr/sbin/policy-rc.d"
 
-inside sh -c 'apt-get -q update && apt-get -qy --no-install-recommends install /debs/*.deb' >"$tmp/log" 2>&1 ||
+# Pictures want libosmesa6, which the package recommends.
+inside sh -c 'apt-get -q update && apt-get -qy --no-install-recommends install libosmesa6 /debs/*.deb' >"$tmp/log" 2>&1 ||
     fail "apt-get install"
 inside sh -c 'cat /var/lib/dpkg/info/relight*.list /var/lib/dpkg/info/librelight*.list' | sort -u >"$tmp/files"
 inside getent passwd relight | grep -q nologin || fail "the user relight"
