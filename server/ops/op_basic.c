@@ -4,6 +4,7 @@
 #include "net/replicas.h"
 #include "net/dispatch.h"
 #include "ops/model_messages.h"
+#include "ops/shared_models.h"
 #include "core/log.h"
 #include "core/access.h"
 #include "store/models.h"
@@ -144,6 +145,7 @@ void op_hello(struct request *request)
     out.n_scopes = scope_list(conn->caller.scopes, scopes);
     out.expires_s = (uint64_t)conn->caller.expires_s;
     out.run = request->server->run;
+    out.shares = request->server->shared_models != NULL;
     fill_limits(o, &out);
     out.presets = presets;
     for (const struct prt_material *m;
@@ -286,6 +288,31 @@ static void list_models(const struct request *request, struct info_text *text, s
     }
 }
 
+// Behind them those that other replicas have, and that are loaded here when somebody asks.
+static const uint64_t others_from = UINT64_C(1) << 62; // `after` of LIST: their numbers from 1
+
+static void list_others(const struct request *request, struct info_text *text, size_t most,
+                        Relight__ListAnswer *out)
+{
+    uint64_t after = MESSAGE(ListRequest)->after;
+    size_t from = after > others_from ? (size_t)(after - others_from - 1) : 0;
+    size_t room = most - out->n_models;
+    struct shared_listed *listed = out->next ? NULL : calloc(room + 1, sizeof *listed);
+    if (!listed) return;
+    size_t n = shared_models_list(request->server->shared_models, from, listed, room + 1);
+    if (n > room) out->next = others_from + 1 + from + (n = room);
+    for (size_t i = 0; i < n; i++) {
+        Relight__ModelInfo *info = &text[out->n_models].info;
+        relight__model_info__init(info);
+        info->model = (char *)(uintptr_t)listed[i].id;
+        info->name = (char *)(uintptr_t)listed[i].name;
+        info->state = listed[i].baking ? RELIGHT__MODEL_STATE__MODEL_BAKING
+                                       : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+        out->models[out->n_models++] = info;
+    }
+    free(listed);
+}
+
 // The loop serves nobody else while it lists: an answer has 256 models at most.
 void op_list(struct request *request)
 {
@@ -300,7 +327,8 @@ void op_list(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         goto end;
     }
-    list_models(request, text, most, &out);
+    if (in->after <= others_from) list_models(request, text, most, &out);
+    list_others(request, text, most, &out);
     if (in->files) out.n_files = list_files(request->server, &out.files);
     if (in->environments) environments = list_environments(request, &out);
     request_answer(request, &out.base, NULL);

@@ -401,6 +401,16 @@ static void serve_all(struct shared_models *s)
     }
 }
 
+size_t shared_models_list(const struct shared_models *s, size_t from, struct shared_listed *out,
+                          size_t most)
+{
+    size_t n = 0, at = 0;
+    for (const struct record *r = s ? s->record : NULL; r && n < most; r = r->next)
+        if (r->state != RECORD_READY && !models_get(s->server->models, r->id) && at++ >= from)
+            out[n++] = (struct shared_listed){r->id, r->name, r->state == RECORD_BAKING};
+    return n;
+}
+
 void shared_models_wait(struct shared_models *s, struct shared_model_waiter *w)
 {
     uint64_t soon = s->started_ns + least_gap_ns, now = loop_now_ns();

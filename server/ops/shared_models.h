@@ -30,6 +30,15 @@ struct shared_model_waiter {
 };
 void shared_models_wait(struct shared_models *shared, struct shared_model_waiter *waiter);
 
+/* Models of other replicas that are not here, because they have no bake yet: from number `from`
+ * on, at most `most`. Returns their number; the texts live until the loop goes on. */
+struct shared_listed {
+    const char *id, *name;
+    bool baking;
+};
+size_t shared_models_list(const struct shared_models *shared, size_t from,
+                          struct shared_listed *out, size_t most);
+
 /* shared_fetch.c: server->fetch_then. */
 void shared_fetch_then(struct request *request, bool ordered,
                        void (*run)(struct request *request));

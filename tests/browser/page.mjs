@@ -16,6 +16,7 @@ import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import assert from "node:assert/strict";
+import { replicaScenarios } from "./replicas.mjs";
 import { reviewScenarios } from "./review.mjs";
 import { roomScenarios } from "./rooms.mjs";
 import { toy } from "./toy.mjs";
@@ -653,6 +654,7 @@ const scenarios = {
   },
 
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
+  ...replicaScenarios({ open, mode, start, stop, folder, PATIENCE }),
   ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 
   // Last: a token closes the daemon for the others.

@@ -223,6 +223,7 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
       // Revoked, the link is dead and the guest leaves the room.
       await ann.getByRole("button", { name: "Revoke the link of guest" }).click();
       await guest.locator(".room-bar").waitFor({ ...PATIENCE, state: "detached" });
+      await guest.getByText(/this invitation is not valid: it was revoked/).waitFor(PATIENCE);
       await guest.context().close();
       await ann.getByRole("button", { name: "Close", exact: true }).click();
 

@@ -6,3 +6,5 @@ add_test(NAME cluster_files COMMAND ${CMAKE_CURRENT_LIST_DIR}/files.sh ${CMAKE_S
 set_tests_properties(cluster_files PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
 add_test(NAME packages COMMAND ${CMAKE_CURRENT_LIST_DIR}/packages.sh ${CMAKE_BINARY_DIR})
 set_tests_properties(packages PROPERTIES LABELS "cluster;long" SKIP_RETURN_CODE 77)
+add_test(NAME packages_chroot COMMAND ${CMAKE_CURRENT_LIST_DIR}/packages_chroot.sh ${CMAKE_BINARY_DIR})
+set_tests_properties(packages_chroot PROPERTIES TIMEOUT 2400 LABELS "cluster;long" SKIP_RETURN_CODE 77)

@@ -12,7 +12,7 @@ check() { # PROGRAM NAME COMMAND…
     shift 2
     command -v "$program" >/dev/null || { echo "skipped: $name: no $program (deploy/dependencies --cluster)"; return; }
     made=$((made + 1))
-    if out=$("$@" 2>&1); then echo "fine: $name"; else echo "WRONG: $name"; echo "$out" | tail -20; bad=$((bad + 1)); fi
+    if out=$("$@" 2>&1); then echo "fine: $name${out:+ ($(echo "$out" | tail -1))}"; else echo "WRONG: $name"; echo "$out" | tail -20; bad=$((bad + 1)); fi
 }
 for script in try with_postgres with_slurm relight-slurm; do check bash "$script" bash -n "$script"; done
 check promtool alerts.yml promtool check rules alerts.yml
@@ -99,14 +99,40 @@ assert drain + 3 <= pod["spec"]["terminationGracePeriodSeconds"], "the pod is ki
 try:
     from kubernetes import client
 except ImportError:
+    print("skipped: kubernetes/relightd.yaml against the API's models: no python3-kubernetes")
     sys.exit(0)
-import json
+import json, re
 class Answer:
     def __init__(self, o):
         self.data = json.dumps(o)
+def model(name):
+    return getattr(client, name, None) or getattr(client, name.replace("V2", "V2beta2"))  # before 1.23
+def known(o, kind, path):  # every field is one of the API's; what it wants, its constructor asks for
+    item = re.match(r"list\[(.*)\]$|dict\(str, (.*)\)$", kind)
+    if item:
+        values = o.items() if isinstance(o, dict) else enumerate(o)
+        for key, value in values:
+            known(value, item.group(1) or item.group(2), "%s.%s" % (path, key))
+    elif hasattr(client, kind):
+        there = model(kind)
+        fields = {name: field for field, name in there.attribute_map.items()}
+        for name, value in o.items():
+            assert name in fields, "%s.%s is no field of %s" % (path, name, kind)
+            known(value, there.openapi_types[fields[name]], "%s.%s" % (path, name))
+    else:
+        want = {"str": str, "int": int, "bool": bool, "float": (int, float)}.get(kind, object)
+        assert isinstance(o, want), "%s: %r is no %s" % (path, o, kind)
 for kind, o in kinds.items():
-    version = "V2" if o["apiVersion"].endswith("v2") else "V1"
-    client.ApiClient().deserialize(Answer(o), version + kind)
+    name = model(("V2" if o["apiVersion"].endswith("v2") else "V1") + kind).__name__
+    client.ApiClient().deserialize(Answer(o), name)
+    known(o, name, kind)
+for kind, path, wrong in (("Service", "spec", {"port": []}), ("Service", "spec", {"ports": [{"port": "x"}]})):
+    try:  # a manifest with a fault is refused
+        known(wrong, "V1ServiceSpec", path)
+    except AssertionError:
+        continue
+    raise SystemExit("a fault in a manifest is not seen")
+print("kubernetes: fields of", ", ".join(kinds))
 PY
 }
 check /usr/bin/python3 "compose.yaml and kubernetes" shapes

@@ -103,6 +103,7 @@ def each_serves_what_the_other_took(a, b, folder):
     # A model without a bake is read again; what one unloads goes everywhere.
     preview = b.ask().load(model_file(folder, 2), size_mm=10, name="glance", material="marble",
                            preview=True)
+    until("listed at the other", 20, lambda: preview in [m.id for m in a.ask().models()])
     assert a.ask().image("glance", "constant", size=(64, 48), format="rgb8").pixels.shape[:2] == (48, 64)
     assert a.ask().info(preview).id == preview
     b.ask().unload(model, forget=True)
@@ -122,6 +123,43 @@ def a_bake_goes_on_where_its_replica_died(a, b, folder):
     print("a bake went on at the other replica: ready %.1f s after its own died" % (time.monotonic() - t))
     a.start()
     assert np.array_equal(until("back", 20, lambda: a.ask().colors(model, "constant")), want)
+
+
+def a_full_folder_refuses_and_loses_nothing():
+    """The shared folder alone is full: uploads and loads say so, what was there stays, and both go
+    on once there is room. Wants to mount a small file system."""
+    folder = tempfile.mkdtemp(prefix="relightd-full-")
+    shared, r = folder + "/shared", None
+    os.mkdir(shared)
+    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "none", shared],
+                                      stderr=subprocess.DEVNULL).returncode:
+        os.rmdir(shared)
+        os.rmdir(folder)
+        print("skipped: a full folder: no tmpfs can be mounted here")
+        return
+    try:
+        r = Replica(folder, 1)
+        first = r.ask().upload(b"small" * 1000, "small.bin")
+        large = random.Random(5).randbytes(3 << 20)
+        try:
+            r.ask().upload(large, "large.bin")
+            raise AssertionError("3 MiB went into a folder of 2")
+        except relight.RelightError as error:
+            assert error.code == "LIMIT" and "store" in str(error), (error.code, str(error))
+            print("a full folder: %s" % error)
+        with open("%s/blobs/%s/%s" % (shared, first[:2], first), "rb") as f:
+            assert hashlib.sha256(f.read()).hexdigest() == first
+        subprocess.run(["mount", "-o", "remount,size=64m", shared], check=True)
+        name = r.ask().upload(large, "large.bin")
+        assert name == hashlib.sha256(large).hexdigest()
+        assert os.path.getsize("%s/blobs/%s/%s" % (shared, name[:2], name)) == len(large)
+        r.stop()
+    finally:
+        if r and r.process.poll() is None:
+            r.process.kill()
+            r.process.wait()
+        subprocess.run(["umount", "-l", shared])
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def nothing_acknowledged_is_lost(replicas, folder, n, rng):
@@ -169,6 +207,7 @@ def main():
     replicas = []
     try:
         replicas = [Replica(folder, 1), Replica(folder, 2)]
+        a_full_folder_refuses_and_loses_nothing()
         each_serves_what_the_other_took(*replicas, folder)
         a_bake_goes_on_where_its_replica_died(*replicas, folder)
         nothing_acknowledged_is_lost(replicas, folder, int(sys.argv[3]), random.Random(seed))

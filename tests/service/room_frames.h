@@ -56,6 +56,9 @@ static inline struct reply reply_to(struct frames *f, uint64_t id)
     return r;
 }
 
+// The last refusal that frames_token got.
+static char token_text[512];
+
 // A connection whose HELLO has this token; NULL for none. *code: of its answer.
 static inline struct frames *frames_token(const struct daemon *d, const char *token, int *code)
 {
@@ -66,7 +69,9 @@ static inline struct frames *frames_token(const struct daemon *d, const char *to
     if (token) hello.token = (char *)token;
     frames_add(f, RELIGHT_TYPE_HELLO, 1, &hello.base, NULL, 0);
     frames_send(f);
-    int got = frames_wait(f, 1).code;
+    struct frames_answer answer = frames_wait(f, 1);
+    int got = answer.code;
+    snprintf(token_text, sizeof token_text, "%s", answer.text);
     if (code) *code = got;
     else assert_int_equal(got, 0);
     return f;

@@ -421,6 +421,7 @@ static void guests(void **unused)
     frames_close(guest);
     guest = frames_token(&d, secret, &code);
     assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    assert_non_null(strstr(token_text, "it was revoked, or its link is incomplete"));
     frames_close(guest);
     // One that expires; also over a restart.
     assert_int_equal(invite(owner, room, RELIGHT__ROOM_ROLE__ROLE_VIEWER,
@@ -440,6 +441,7 @@ static void guests(void **unused)
     sleep_ms(code ? 3000 : 10);
     guest = frames_token(&d, late, &code);
     assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    assert_non_null(strstr(token_text, "expired: ask the room's owner for another"));
     frames_close(guest);
     end();
 }

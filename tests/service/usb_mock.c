@@ -25,6 +25,7 @@ struct script {
     size_t n;
 };
 struct mock_device {
+    struct mock_device *next; // of `kept`
     struct mock_design design;
     UMockdevIoctlBase *base;
     char node[32], path[64];
@@ -45,6 +46,7 @@ static pthread_t ticker;
 static bool stopping;
 static int hold_ms, n_device, number;
 static struct mock_device *devices[MOST_DEVICES];
+static struct mock_device *kept; // of testbeds that have ended
 
 static uint64_t now_ns(void)
 {
@@ -441,8 +443,10 @@ void mock_end(void)
     for (int i = 0; i < n_device; i++) {
         umockdev_testbed_detach_ioctl(testbed, devices[i]->node, NULL);
         g_object_unref(devices[i]->base);
+        // It stays in memory: umockdev's thread may still end an ioctl of a program that was
+        // killed.
+        devices[i]->next = kept;
+        kept = devices[i];
     }
     g_clear_object(&testbed);
-    // The devices stay in memory: umockdev's thread may still end an ioctl of a program that
-    // was killed.
 }

@@ -55,6 +55,7 @@ type Init<S extends DescMessage> = Parameters<typeof create<S>>[1];
 const RETRY_FIRST_MS = 400;
 const RETRY_MOST_MS = 8000;
 const PING_MS = 60000;
+const MOST_PATH = 120; // characters of a model in a path
 
 export class Client {
   readonly url: string;
@@ -69,6 +70,8 @@ export class Client {
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
   private pingTimer: ReturnType<typeof setInterval> | undefined;
   private closed = false;
+  private wanted = ""; // the model that is looked at
+  private route = ""; // the model in the path of this connection
   private readonly name: string;
   private readonly changed: (state: ConnectionState) => void;
 
@@ -89,7 +92,7 @@ export class Client {
     clearTimeout(this.retryTimer);
     if (this.closed || this.socket) return;
     this.changed({ is: "connecting" });
-    const socket = new WebSocket(this.url, "relight.v1");
+    const socket = new WebSocket(this.url + this.path(), "relight.v1");
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onopen = () => void this.greet(socket);
@@ -100,9 +103,34 @@ export class Client {
   /** The token of the next connection; connects now. */
   useToken(token: string): void {
     this.token = token;
+    this.reconnect();
+  }
+
+  /** The model that is looked at. Where replicas share their models a proxy may choose one by the
+   * path of the WebSocket: the connection is made anew. */
+  lookAt(model: string): void {
+    this.wanted = model;
+    if (this.isElsewhere(this.hello)) this.reroute();
+  }
+  private path(): string {
+    const word = encodeURIComponent(this.route);
+    return word && word.length <= MOST_PATH ? `/${word}` : "";
+  }
+  private reroute(): void {
+    this.route = this.wanted;
+    this.reconnect();
+  }
+  private isElsewhere(hello: HelloAnswer | null): boolean {
+    return hello !== null && hello.shares && this.wanted !== "" && this.wanted !== this.route;
+  }
+
+  private reconnect(): void {
     this.retryMs = RETRY_FIRST_MS;
     const socket = this.socket;
     this.socket = null;
+    this.hello = null;
+    clearInterval(this.pingTimer);
+    this.failAll(new DisconnectedError());
     socket?.close();
     this.connect();
   }
@@ -223,6 +251,10 @@ export class Client {
         HelloAnswerSchema,
       );
       if (this.socket !== socket) return;
+      if (this.isElsewhere(message)) {
+        this.reroute();
+        return;
+      }
       this.hello = message;
       this.retryMs = RETRY_FIRST_MS;
       clearInterval(this.pingTimer);

@@ -287,8 +287,8 @@ effect(() => {
     lost = false;
     void pump();
     if (!roomId.peek()) void listRooms();
-  } else if (is === "offline") lost = true;
-  else if (is === "refused") leaveSeat(); // a link that expired or was revoked: nothing is shown
+  } else if (is !== "refused") lost = true;
+  else leaveSeat(); // a link that expired or was revoked: nothing is shown
 });
 effect(() => {
   void scene.value.orbit;

@@ -180,6 +180,7 @@ export function removeLamp(index: number): void {
     set({ lamps: scene.value.lamps.filter((_, i) => i !== index) });
 }
 
+effect(() => client.lookAt(scene.value.model));
 effect(() => {
   const now = scene.value; // read even before there is a viewer: the effect follows it
   viewer?.show(now);
