@@ -19,10 +19,18 @@ struct prt_bright_pixel { /* left out of the reduced image */
     double width, height; /* [rad] */
     float power[3];       /* radiance times solid angle */
 };
+enum { PRT_MOVED_KEPT = 16 };
+struct prt_moved_cube { /* of the image moved by a whole number of columns */
+    uint64_t used;      /* n_use at its last use */
+    uint32_t column;
+    float *texel; /* [6 n n][3]; NULL: none */
+};
 struct prt_turned_image {
     uint32_t width, height, n_bright;
-    float (*pixel)[4]; /* [height][width], 16-byte aligned, the fourth is 0 */
+    float (*pixel)[4]; /* [height][2 width], each row twice; 16-byte aligned, the fourth is 0 */
     struct prt_bright_pixel *bright;
+    struct prt_moved_cube moved[PRT_MOVED_KEPT]; /* under the cache's lock */
+    uint64_t n_use;
 };
 void prt_turned_image_finish(struct prt_turned_image *image);
 

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /* Cubes of an environment that turns: a reduced lat-long image of it, kept in its cache, times
  * a sparse matrix that depends on the cube's size alone. A turn shifts the image's columns, and
- * a part of a column is interpolated, so each angle costs the same and power is conserved.
+ * a part of a column is interpolated: between the cubes of the two whole numbers of columns, of
+ * which the last ones are kept. Power is conserved.
  * Pixels that hold much of the power, a sun's, are left out of the image and are added one by
  * one at their places (METHODS §2). */
 #include "resample.h"
@@ -17,7 +18,7 @@ enum { PER_TEXEL = 2, WEDGES = 16, SLOTS = 1 << 13, SIZES = 3 };
 /* Rows: for each texel of the cube its pixels, with weights that sum to 1. */
 struct matrix {
     uint32_t *begin; /* [6 n n + 1] */
-    uint32_t *index; /* of the pixel */
+    uint32_t *index; /* of the pixel, in rows of twice the image's width */
     float *weight;
     float *solid_angle; /* [n n] of a face's texels */
 };
@@ -177,7 +178,7 @@ static int pack(const struct builder *b, struct matrix *out)
     for (size_t i = 0; i < b->n_all; i++) {
         const struct share *s = &b->all[i];
         const uint32_t at = m.begin[s->texel]++;
-        m.index[at] = s->row * b->width + s->column;
+        m.index[at] = 2 * s->row * b->width + s->column;
         m.weight[at] = (float)(s->area / sum[s->texel - 1]);
     }
     prt_free(sum);
@@ -280,7 +281,8 @@ static void add_row(const struct prt_image *src, uint32_t y, double limit, doubl
 static int reduce(const struct prt_image *src, struct prt_turned_image *out)
 {
     const double scale = (double)src->height / out->height;
-    out->pixel = prt_calloc((size_t)out->width * out->height, sizeof *out->pixel);
+    const uint32_t width = out->width;
+    out->pixel = prt_calloc((size_t)2 * width * out->height, sizeof *out->pixel);
     double *limit = bright_limits(src, out->width);
     int status = out->pixel && limit ? find_bright(src, limit, out) : PRT_NOMEM;
     for (uint32_t r = 0; r < out->height && !status; r++) {
@@ -289,9 +291,10 @@ static int reduce(const struct prt_image *src, struct prt_turned_image *out)
         for (uint32_t y = (uint32_t)top; y < src->height && y < low; y++) {
             const double a = y > top ? y : top, b = y + 1.0 < low ? y + 1.0 : low;
             const double share = (cos(PI * a / src->height) - cos(PI * b / src->height)) / area;
-            add_row(src, y, limit[y], share, out->width,
-                    (v4f *)out->pixel + (size_t)r * out->width);
+            add_row(src, y, limit[y], share, width, (v4f *)out->pixel + (size_t)2 * r * width);
         }
+        v4f *row = (v4f *)out->pixel + (size_t)2 * r * width;
+        memcpy(row + width, row, width * sizeof *row);
     }
     prt_free(limit);
     if (status) prt_turned_image_finish(out);
@@ -299,7 +302,7 @@ static int reduce(const struct prt_image *src, struct prt_turned_image *out)
 }
 
 static int reduced_get(const struct prt_context *ctx, const struct prt_env *env, uint32_t n,
-                       const struct prt_turned_image **out)
+                       struct prt_turned_image **out)
 {
     struct prt_env_cache *cache = env->cache;
     const struct prt_image *source = &env->latlong;
@@ -319,6 +322,10 @@ static int reduced_get(const struct prt_context *ctx, const struct prt_env *env,
 
 void prt_turned_image_finish(struct prt_turned_image *image)
 {
+    for (int i = 0; i < PRT_MOVED_KEPT; i++) {
+        prt_free(image->moved[i].texel);
+        image->moved[i].texel = NULL;
+    }
     prt_free(image->pixel);
     prt_free(image->bright);
     image->pixel = NULL;
@@ -327,35 +334,85 @@ void prt_turned_image_finish(struct prt_turned_image *image)
 
 /* ---- a turned cube */
 
-/* The image, its columns moved by `columns` (a whole number and a part). */
-static v4f *shifted(const struct prt_turned_image *image, double columns)
+/* The cube of the image whose columns are moved by a whole number. */
+static float *moved_cube(const struct prt_turned_image *image, const struct matrix *m,
+                         uint32_t n, uint32_t column)
 {
-    const uint32_t width = image->width;
-    v4f *out = prt_alloc((size_t)width * image->height, sizeof *out);
-    const double whole = floor(columns);
-    const float part = (float)(columns - whole);
-    const uint32_t first = (uint32_t)(((int64_t)whole % width + width) % width);
-    for (uint32_t r = 0; out && r < image->height; r++) {
-        const v4f *from = (const v4f *)image->pixel + (size_t)r * width;
-        v4f *to = out + (size_t)r * width, left = from[first];
-        for (uint32_t c = 0; c < width; c++) {
-            const uint32_t next = first + c + 1;
-            const v4f right = from[next < width ? next : next - width];
-            to[c] = left + part * (right - left);
-            left = right;
-        }
-    }
-    return out;
-}
-
-static void apply(const struct matrix *m, const v4f *pixel, uint32_t rows, float *texel)
-{
-    for (uint32_t t = 0, i = 0; t < rows; t++) {
+    const uint32_t rows = 6 * n * n;
+    float *texel = prt_alloc((size_t)rows, 3 * sizeof *texel);
+    const v4f *pixel = (const v4f *)image->pixel + column;
+    for (uint32_t t = 0, i = 0; texel && t < rows; t++) {
         v4f sum = {0, 0, 0, 0};
         for (const uint32_t end = m->begin[t + 1]; i < end; i++)
             sum += m->weight[i] * pixel[m->index[i]];
-        for (int c = 0; c < 3; c++) texel[3 * t + (uint32_t)c] = sum[c];
+        for (int c = 0; c < 3; c++) texel[3 * (size_t)t + (uint32_t)c] = sum[c];
     }
+    return texel;
+}
+
+static struct prt_moved_cube *find_moved(struct prt_turned_image *image, uint32_t column)
+{
+    for (int i = 0; i < PRT_MOVED_KEPT; i++)
+        if (image->moved[i].texel && image->moved[i].column == column) {
+            image->moved[i].used = ++image->n_use;
+            return &image->moved[i];
+        }
+    return NULL;
+}
+
+/* Keeps the cube in place of the one that was not used for longest. */
+static struct prt_moved_cube *keep_moved(struct prt_turned_image *image, uint32_t column,
+                                         float *texel)
+{
+    struct prt_moved_cube *oldest = image->moved;
+    for (int i = 1; i < PRT_MOVED_KEPT; i++)
+        if (image->moved[i].used < oldest->used) oldest = &image->moved[i];
+    prt_free(oldest->texel);
+    *oldest = (struct prt_moved_cube){++image->n_use, column, texel};
+    return oldest;
+}
+
+/* to[] = share times the cube of the image moved by `column`, or that added. The cube is kept:
+ * a light that is turned by hand has many angles between two columns. Columns repeat behind the
+ * image's width. */
+static int add_moved(struct prt_env_cache *cache, struct prt_turned_image *image,
+                     const struct matrix *m, uint32_t n, uint32_t column, float share, bool add,
+                     float *to)
+{
+    const uint32_t count = 18 * n * n;
+    pthread_mutex_lock(&cache->lock);
+    struct prt_moved_cube *found = find_moved(image, column);
+    if (!found) {
+        pthread_mutex_unlock(&cache->lock);
+        float *made = moved_cube(image, m, n, column);
+        if (!made) return PRT_NOMEM;
+        pthread_mutex_lock(&cache->lock);
+        found = find_moved(image, column);
+        if (found) prt_free(made);
+        else found = keep_moved(image, column, made);
+    }
+    const float *from = found->texel;
+    if (add)
+        for (uint32_t i = 0; i < count; i++) to[i] += share * from[i];
+    else
+        for (uint32_t i = 0; i < count; i++) to[i] = share * from[i];
+    pthread_mutex_unlock(&cache->lock);
+    return PRT_OK;
+}
+
+/* The cube of the image moved by `columns`: that of a whole number and the next, weighted. */
+static int shifted_cube(struct prt_env_cache *cache, struct prt_turned_image *image,
+                        const struct matrix *m, double columns, struct prt_cube *cube)
+{
+    const uint32_t width = image->width;
+    const double whole = floor(columns);
+    const float part = (float)(columns - whole);
+    const uint32_t first = (uint32_t)(((int64_t)whole % width + width) % width);
+    const uint32_t next = first + 1 < width ? first + 1 : 0;
+    int status = add_moved(cache, image, m, cube->n, first, 1 - part, false, cube->texel);
+    if (!status && part > 0)
+        status = add_moved(cache, image, m, cube->n, next, part, true, cube->texel);
+    return status;
 }
 
 /* Each bright pixel as spots of equal power, a twelfth of a texel apart, turned by `turn`
@@ -396,21 +453,19 @@ int prt_env_turned(const struct prt_context *ctx, const struct prt_env *env, uin
     if (!env->cache || size_index(n) < 0 || !isfinite(rotate_deg) || degrees == 0 || quarter)
         return prt_env_to_cube(ctx, env, n, rotate_deg, out);
     const struct matrix *m;
-    const struct prt_turned_image *image;
+    struct prt_turned_image *image;
     struct prt_cube cube = {0};
     int status = matrix_get(n, &m);
     if (!status) status = reduced_get(ctx, env, n, &image);
     if (!status) status = prt_cube_init(&cube, n);
-    v4f *pixel = status ? NULL : shifted(image, degrees / 360.0 * image->width);
-    if (!status && !pixel) status = PRT_NOMEM;
+    if (!status)
+        status = shifted_cube(env->cache, image, m, degrees / 360.0 * image->width, &cube);
     if (status) {
         prt_cube_finish(&cube);
         return prt_fail(ctx, status, "turning to 6 x %u x %u: %s", n, n,
                         prt_status_text(status));
     }
-    apply(m, pixel, 6 * n * n, cube.texel);
     add_bright(image, degrees * PI / 180, m->solid_angle, &cube);
-    prt_free(pixel);
     *out = cube;
     return PRT_OK;
 }

@@ -42,6 +42,15 @@ int prt_raster_look(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     struct prt_visibility *vis);
 void prt_raster_look_finish(struct prt_gbuffer *g);
 
+/* tone.c: a tone curve at an exposure, and n values by it. */
+struct tone_curve {
+    const uint8_t *table;
+    float scale;
+};
+int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float exposure_ev,
+                   struct tone_curve *out);
+void prt_tone_values(const struct tone_curve *tone, const float *in, size_t n, uint8_t *out);
+
 struct prt_visibility {
     struct prt_camera camera;
     struct camera_frame frame;

@@ -46,19 +46,33 @@ static int encode_alpha(const struct prt_context *ctx, const struct prt_image *i
     return status;
 }
 
+static int png_of_rgb8(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,
+                       uint32_t height, const struct prt_picture_options *options,
+                       struct prt_blob *out)
+{
+    return prt_encode_png(ctx, rgb8, width, height, 3, out);
+}
+
+static int jpeg_of_rgb8(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,
+                        uint32_t height, const struct prt_picture_options *options,
+                        struct prt_blob *out)
+{
+    return prt_encode_jpeg(ctx, rgb8, width, height, options->quality, out);
+}
+
 static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image,
                        const struct prt_picture_options *options, bool jpeg,
                        struct prt_blob *out)
 {
-    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
+    const uint32_t width = image->width, height = image->height;
+    uint8_t *rgb8 = prt_alloc((size_t)width * height, 3);
     if (!rgb8)
-        return prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels",
-                        image->width, image->height);
+        return prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels", width,
+                        height);
     int status = prt_tone_map(ctx, image, options->tone, options->exposure_ev, rgb8);
     if (!status)
-        status = jpeg ? prt_encode_jpeg(ctx, rgb8, image->width, image->height,
-                                        options->quality, out)
-                      : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
+        status = jpeg ? jpeg_of_rgb8(ctx, rgb8, width, height, options, out)
+                      : png_of_rgb8(ctx, rgb8, width, height, options, out);
     prt_free(rgb8);
     return status;
 }
@@ -76,10 +90,11 @@ static int encode_jpeg(const struct prt_context *ctx, const struct prt_image *im
     return encode_8bit(ctx, image, options, true, out);
 }
 
-static const struct prt_picture_format formats[] = {{"exr", NULL, true, true, encode_exr},
-                                                    {"hdr", NULL, true, false, encode_hdr},
-                                                    {"png", NULL, false, true, encode_png},
-                                                    {"jpg", "jpeg", false, false, encode_jpeg}};
+static const struct prt_picture_format formats[] = {
+    {"exr", NULL, true, true, encode_exr, NULL},
+    {"hdr", NULL, true, false, encode_hdr, NULL},
+    {"png", NULL, false, true, encode_png, png_of_rgb8},
+    {"jpg", "jpeg", false, false, encode_jpeg, jpeg_of_rgb8}};
 enum { N_FORMAT = sizeof formats / sizeof *formats };
 
 const struct prt_picture_format *prt_picture_format(const char *name)

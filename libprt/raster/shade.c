@@ -11,6 +11,7 @@
 enum { LANES = 64, SMALL_BACKGROUND = 64 };
 
 typedef float four __attribute__((vector_size(16)));
+typedef int four_bits __attribute__((vector_size(16)));
 typedef float loose_four __attribute__((vector_size(16), aligned(4), may_alias));
 
 // A cube with or without borders, as the kernel reads it; offsets in floats.
@@ -47,7 +48,8 @@ struct shade_job {
     size_t plane_floats;
     unsigned n_plane;
     float eye[3], plain[3], sign[16];
-    float sky_cos, sky_sin; // of the background's rotation about +y
+    float sky_cos, sky_sin;   // of the background's rotation about +y
+    float lobe_cos, lobe_sin; // of the specular's
     const struct cube_view *specular, *background;
     int level_floats;       // distance of the levels of roughness in specular
     const float *eta;       // [n_block]
@@ -55,7 +57,9 @@ struct shade_job {
     const float *exit;      // [n_block] factor of F_t; 0: translucent radiance leaves as it is
     bool one_medium;        // all blocks have the first one's
     float *rgb, *alpha;     // alpha NULL: with a background
-    const float *shadow;    // [height][width][3] of the background, or NULL
+    uint8_t *rgb8;          // in place of rgb, by `tone`
+    struct tone_curve tone;
+    const float *shadow; // [height][width][3] of the background, or NULL
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
 
@@ -65,8 +69,12 @@ struct shade_job {
 static int shade_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct shade_job *job = arg;
-    for (size_t y = begin; y < end; y++)
-        job->row(job, (uint32_t)y, job->rgb + y * job->width * 3);
+    float one[3 * RASTER_MAX_SIZE];
+    const size_t n = (size_t)3 * job->width;
+    for (size_t y = begin; y < end; y++) {
+        job->row(job, (uint32_t)y, job->rgb8 ? one : job->rgb + y * n);
+        if (job->rgb8) prt_tone_values(&job->tone, one, n, job->rgb8 + y * n);
+    }
     return PRT_OK;
 }
 
@@ -123,14 +131,20 @@ static float *surface_of_blocks(const struct prt_visibility *vis, const struct p
 static int shade(const struct prt_context *ctx, const struct prt_visibility *vis,
                  const struct prt_shade *s, struct shade_job *job, struct prt_image *out)
 {
+    int curve = PRT_OK;
+    if (s->rgb8 && s->transparent)
+        return prt_fail(ctx, PRT_ARG, "shade: pixels of 8 bits have no alpha");
+    if (s->rgb8) curve = prt_tone_curve(ctx, s->tone, s->exposure_ev, &job->tone);
+    if (curve) return curve;
+    job->rgb8 = s->rgb8;
     float *of_block = surface_of_blocks(vis, s);
     struct prt_image image = {vis->width, vis->height, NULL, NULL};
-    image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
+    if (!s->rgb8) image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
     struct border_cube lobe = {0}, sky = {0};
     struct cube_view specular, background;
     if (s->transparent)
         image.alpha = prt_alloc((size_t)vis->width * vis->height, sizeof(float));
-    bool good = image.rgb && of_block && (image.alpha || !s->transparent);
+    bool good = (image.rgb || s->rgb8) && of_block && (image.alpha || !s->transparent);
     struct prt_gbuffer own = vis->g;
     if (s->leave_out & PRT_LOOK_BASE) own.base[0] = NULL;
     if (s->leave_out & PRT_LOOK_NORMAL) own.turned[0] = NULL;
@@ -147,9 +161,11 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     job->rgb = image.rgb;
     job->alpha = image.alpha;
     job->shadow = s->shadow;
-    double turn = (double)s->background_rotate_deg * (3.14159265358979323846 / 180);
-    job->sky_cos = (float)cos(turn);
-    job->sky_sin = (float)sin(turn);
+    const double degree = 3.14159265358979323846 / 180;
+    job->sky_cos = (float)cos((double)s->background_rotate_deg * degree);
+    job->sky_sin = (float)sin((double)s->background_rotate_deg * degree);
+    job->lobe_cos = (float)cos((double)s->specular_rotate_deg * degree);
+    job->lobe_sin = (float)sin((double)s->specular_rotate_deg * degree);
     for (int i = 0; i < 3; i++) {
         job->eye[i] = (float)vis->frame.eye[i];
         job->plain[i] = s->transparent ? 0 : s->background_rgb[i];

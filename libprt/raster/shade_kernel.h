@@ -51,22 +51,50 @@ static inline __attribute__((always_inline)) four PRT_KERNEL(load3)(const float 
     return (four){p[0], p[1], p[2], 0};
 }
 
+static inline __attribute__((always_inline)) four PRT_KERNEL(load4)(const float *p)
+{
+    return *(const loose_four *)p;
+}
+
+/* Writes three floats; with `more` a fourth, which the caller overwrites later. */
+static inline __attribute__((always_inline)) void PRT_KERNEL(store3)(float *to, four value,
+                                                                     bool more)
+{
+    if (more) {
+        *(loose_four *)to = value;
+        return;
+    }
+    to[0] = value[0];
+    to[1] = value[1];
+    to[2] = value[2];
+}
+
+/* Bilinear mean of texels of four floats. */
+static inline __attribute__((always_inline)) four
+PRT_KERNEL(fetch4)(const float *texel, const struct lookup *at, int i)
+{
+    float fx = at->fx[i], fy = at->fy[i];
+    float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
+    four sum = w00 * PRT_KERNEL(load4)(texel + at->i00[i]);
+    sum += w10 * PRT_KERNEL(load4)(texel + at->i10[i]);
+    sum += w01 * PRT_KERNEL(load4)(texel + at->i01[i]);
+    return sum + w11 * PRT_KERNEL(load4)(texel + at->i11[i]);
+}
+
 static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
-                                   const struct lookup *restrict at, float *restrict r,
-                                   float *restrict g, float *restrict b)
+                                   const struct lookup *restrict at, four *restrict rgb)
 {
     const float *texel = cube->texel;
     const size_t last = (size_t)(6 * cube->face - 4);
-    for (int i = 0; i < n; i++) {
+    for (int i = 0; cube->texel_floats == 4 && i < n; i++)
+        rgb[i] = PRT_KERNEL(fetch4)(texel, at, i);
+    for (int i = 0; cube->texel_floats == 3 && i < n; i++) {
         float fx = at->fx[i], fy = at->fy[i];
         float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
         four sum = w00 * PRT_KERNEL(load3)(texel, (size_t)at->i00[i], last);
         sum += w10 * PRT_KERNEL(load3)(texel, (size_t)at->i10[i], last);
         sum += w01 * PRT_KERNEL(load3)(texel, (size_t)at->i01[i], last);
-        sum += w11 * PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last);
-        r[i] = sum[0];
-        g[i] = sum[1];
-        b[i] = sum[2];
+        rgb[i] = sum + w11 * PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last);
     }
 }
 
@@ -158,75 +186,81 @@ static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int 
 
 /* Radiance from the mirror direction at each point's own roughness: between two levels. */
 static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int n,
-                                     const struct lookup *look, float *r, float *g, float *b)
+                                     const struct lookup *look, four *restrict rgb)
 {
-    struct lookup level = *look;
-    float share[LANES], hr[LANES], hg[LANES], hb[LANES];
+    float medium[LANES], share[LANES];
+    int by[LANES];
     const float *own = job->g->roughness ? job->g->roughness + at : NULL;
     const float *variance = job->g->variance + at;
-    float medium[LANES];
     PRT_KERNEL(gather)(job, job->roughness, at, n, medium);
+    for (int i = 0; own && i < n; i++) medium[i] = own[i] >= 0 ? own[i] : medium[i];
     for (int i = 0; i < n; i++) {
-        float rough = own && own[i] >= 0 ? own[i] : medium[i];
-        float spread = variance[i] < 0.09f ? 2 * variance[i] : 0.18f;
         /* alpha^2 grows by the normals' variance over the pixel (METHODS §6) */
-        if (spread > 1e-4f) rough = sqrtf(sqrtf(rough * rough * rough * rough + spread));
-        int by = (int)specular_level(rough, &share[i]) * job->level_floats;
-        level.i00[i] += by;
-        level.i10[i] += by;
-        level.i01[i] += by;
-        level.i11[i] += by;
+        float rough = medium[i], spread = variance[i] < 0.09f ? 2 * variance[i] : 0.18f;
+        float wide = sqrtf(sqrtf(rough * rough * rough * rough + spread));
+        rough = spread > 1e-4f ? wide : rough;
+        by[i] = (int)specular_level(rough, &share[i]) * job->level_floats;
     }
-    PRT_KERNEL(cube_fetch)(job->specular, n, &level, r, g, b);
     for (int i = 0; i < n; i++) {
-        level.i00[i] += job->level_floats;
-        level.i10[i] += job->level_floats;
-        level.i01[i] += job->level_floats;
-        level.i11[i] += job->level_floats;
-    }
-    PRT_KERNEL(cube_fetch)(job->specular, n, &level, hr, hg, hb);
-    for (int i = 0; i < n; i++) {
-        r[i] += share[i] * (hr[i] - r[i]);
-        g[i] += share[i] * (hg[i] - g[i]);
-        b[i] += share[i] * (hb[i] - b[i]);
+        const float *low = job->specular->texel + by[i];
+        four a = PRT_KERNEL(fetch4)(low, look, i);
+        four b = PRT_KERNEL(fetch4)(low + job->level_floats, look, i);
+        rgb[i] = a + share[i] * (b - a);
     }
 }
 
 /* Light after scattering times base colour; occlusion of light that the surface reflects. */
-static void PRT_KERNEL(apply_look)(const struct shade_job *job, size_t at, int n, float *r,
-                                   float *g, float *b, float *sr, float *sg, float *sb)
+static void PRT_KERNEL(apply_look)(const struct shade_job *job, size_t at, int n, four *rgb,
+                                   four *mirror)
 {
     const struct prt_gbuffer *s = job->g;
     const uint8_t *opaque = s->opaque + at;
     const float *occlusion = s->occlusion ? s->occlusion + at : NULL;
-    float *rgb[3] = {r, g, b}, *mirror[3] = {sr, sg, sb};
-    for (int c = 0; c < 3; c++) {
-        const float *base = s->base[0] ? s->base[c] + at : NULL;
-        for (int i = 0; base && i < n; i++) rgb[c][i] *= base[i];
-        for (int i = 0; occlusion && i < n; i++) {
-            rgb[c][i] *= opaque[i] ? occlusion[i] : 1;
-            mirror[c][i] *= occlusion[i];
-        }
+    for (int i = 0; s->base[0] && i < n; i++) {
+        const size_t k = at + (size_t)i;
+        rgb[i] *= (four){s->base[0][k], s->base[1][k], s->base[2][k], 0};
+    }
+    for (int i = 0; occlusion && i < n; i++) {
+        rgb[i] *= opaque[i] ? occlusion[i] : 1;
+        mirror[i] *= occlusion[i];
     }
 }
 
-/* c += weight * vertex values of one plane, interpolated. */
-static void PRT_KERNEL(add_plane)(const struct shade_job *job, const float *restrict plane,
-                                  size_t at, int n, const float *restrict weight,
-                                  float *restrict r, float *restrict g, float *restrict b)
+/* Vertex values of a plane at the corners c, weighted. */
+static inline __attribute__((always_inline)) four
+PRT_KERNEL(corners)(const float *plane, const size_t c[3], const float b[3], size_t last)
+{
+    four sum = b[0] * PRT_KERNEL(load3)(plane, c[0], last);
+    sum += b[1] * PRT_KERNEL(load3)(plane, c[1], last);
+    return sum + b[2] * PRT_KERNEL(load3)(plane, c[2], last);
+}
+
+/* Vertex values of the planes, interpolated: the first, and the others times y. */
+static void PRT_KERNEL(add_planes)(const struct shade_job *job, size_t at, int n,
+                                   float y[15][LANES], four *restrict rgb)
 {
     const struct prt_gbuffer *s = job->g;
     const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
     const float *w1 = s->bary[0] + at, *w2 = s->bary[1] + at;
     const size_t last = job->plane_floats - 4; /* a triangle has three vertices */
+    const unsigned n_plane = job->n_plane;
     for (int i = 0; i < n; i++) {
-        float k = weight ? weight[i] : 1, b1 = k * w1[i], b2 = k * w2[i], b0 = k - b1 - b2;
-        four sum = b0 * PRT_KERNEL(load3)(plane, 3 * (size_t)v0[i], last);
-        sum += b1 * PRT_KERNEL(load3)(plane, 3 * (size_t)v1[i], last);
-        sum += b2 * PRT_KERNEL(load3)(plane, 3 * (size_t)v2[i], last);
-        r[i] += sum[0];
-        g[i] += sum[1];
-        b[i] += sum[2];
+        const float b[3] = {1 - w1[i] - w2[i], w1[i], w2[i]};
+        const size_t c[3] = {3 * (size_t)v0[i], 3 * (size_t)v1[i], 3 * (size_t)v2[i]};
+        const bool whole = c[0] <= last && c[1] <= last && c[2] <= last;
+        const float *plane = job->planes;
+        four sum = PRT_KERNEL(corners)(plane, c, b, last);
+        for (unsigned k = 1; whole && k < n_plane; k++) {
+            plane += job->plane_floats;
+            four one = b[0] * PRT_KERNEL(load4)(plane + c[0]);
+            one += b[1] * PRT_KERNEL(load4)(plane + c[1]);
+            one += b[2] * PRT_KERNEL(load4)(plane + c[2]);
+            sum += y[k - 1][i] * one;
+        }
+        for (unsigned k = 1; !whole && k < n_plane; k++)
+            sum += y[k - 1][i] *
+                   PRT_KERNEL(corners)(job->planes + k * job->plane_floats, c, b, last);
+        rgb[i] = sum;
     }
 }
 
@@ -263,73 +297,63 @@ static void PRT_KERNEL(harmonics)(const struct view_terms *v, int n, unsigned n_
 }
 
 /* Radiance of points [at, at+n), n <= LANES. */
-static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int n, float *r,
-                                     float *g, float *b)
+static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int n,
+                                     four *restrict rgb)
 {
     struct view_terms v;
+    four mirrored[LANES];
     PRT_KERNEL(view_terms)(job, at, n, &v);
     const uint8_t *opaque = job->g->opaque + at;
     if (job->radiance) {
         const float(*given)[3] = job->radiance + at;
-        for (int i = 0; i < n; i++) {
-            r[i] = given[i][0];
-            g[i] = given[i][1];
-            b[i] = given[i][2];
-        }
+        for (int i = 0; i < n; i++) rgb[i] = (four){given[i][0], given[i][1], given[i][2], 0};
     } else {
-        for (int i = 0; i < n; i++) r[i] = g[i] = b[i] = 0;
-        PRT_KERNEL(add_plane)(job, job->planes, at, n, NULL, r, g, b);
-        if (job->n_plane > 1) {
-            float y[15][LANES];
-            PRT_KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
-            for (unsigned k = 1; k < job->n_plane; k++) {
-                for (int i = 0; i < n; i++) y[k - 1][i] = opaque[i] ? 0 : y[k - 1][i];
-                PRT_KERNEL(add_plane)
-                (job, job->planes + (size_t)k * job->plane_floats, at, n, y[k - 1], r, g, b);
-            }
-        }
+        float y[15][LANES];
+        if (job->n_plane > 1) PRT_KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
+        for (unsigned k = 1; k < job->n_plane; k++)
+            for (int i = 0; i < n; i++) y[k - 1][i] = opaque[i] ? 0 : y[k - 1][i];
+        PRT_KERNEL(add_planes)(job, at, n, y, rgb);
     }
-    float sr[LANES], sg[LANES], sb[LANES];
     if (job->specular) {
         struct lookup look;
         if (job->g->turned[0]) PRT_KERNEL(turn_mirror)(job, at, n, &v);
-        PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
-        PRT_KERNEL(fetch_levels)(job, at, n, &look, sr, sg, sb);
-        const float *open = job->g->unblocked ? job->g->unblocked + at : NULL;
-        for (int i = 0; open && i < n; i++) {
-            sr[i] *= open[i];
-            sg[i] *= open[i];
-            sb[i] *= open[i];
+        const float cosine = job->lobe_cos, sine = job->lobe_sin;
+        for (int i = 0; i < n; i++) { /* as the background's rays */
+            const float x = v.rx[i], z = v.rz[i];
+            v.rx[i] = x * cosine - z * sine;
+            v.rz[i] = x * sine + z * cosine;
         }
+        PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
+        PRT_KERNEL(fetch_levels)(job, at, n, &look, mirrored);
+        const float *open = job->g->unblocked ? job->g->unblocked + at : NULL;
+        for (int i = 0; open && i < n; i++) mirrored[i] *= open[i];
     } else {
-        for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
+        for (int i = 0; i < n; i++) mirrored[i] = (four){0, 0, 0, 0};
     }
-    if (job->g->base[0] || job->g->occlusion)
-        PRT_KERNEL(apply_look)(job, at, n, r, g, b, sr, sg, sb);
+    if (job->g->base[0] || job->g->occlusion) PRT_KERNEL(apply_look)(job, at, n, rgb, mirrored);
     float leaves[LANES];
     PRT_KERNEL(gather)(job, job->exit, at, n, leaves);
     for (int i = 0; i < n; i++) {
-        float t = leaves[i] > 0 && !opaque[i] ? leaves[i] * v.transmit[i] : 1;
-        float mirror = opaque[i] ? 0 : v.mirror[i];
-        float cr = t * r[i], cg = t * g[i], cb = t * b[i];
-        r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];
-        g[i] = (cg > 0 ? cg : 0) + mirror * sg[i];
-        b[i] = (cb > 0 ? cb : 0) + mirror * sb[i];
+        leaves[i] = leaves[i] > 0 && !opaque[i] ? leaves[i] * v.transmit[i] : 1;
+        v.mirror[i] = opaque[i] ? 0 : v.mirror[i];
     }
-    if (!job->g->emission[0]) return;
     for (int i = 0; i < n; i++) {
-        r[i] += job->g->emission[0][at + (size_t)i];
-        g[i] += job->g->emission[1][at + (size_t)i];
-        b[i] += job->g->emission[2][at + (size_t)i];
+        const four zero = {0, 0, 0, 0}, body = leaves[i] * rgb[i];
+        rgb[i] = (four)((four_bits)body & (body > zero)) + v.mirror[i] * mirrored[i];
+    }
+    const struct prt_gbuffer *s = job->g;
+    for (int i = 0; s->emission[0] && i < n; i++) {
+        const size_t k = at + (size_t)i;
+        rgb[i] += (four){s->emission[0][k], s->emission[1][k], s->emission[2][k], 0};
     }
 }
 
 /* Background radiance of n pixels of row y at columns x. */
 static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int n,
-                                   const uint32_t *x, float *r, float *g, float *b)
+                                   const uint32_t *x, four *rgb)
 {
     const struct camera_frame *f = job->frame;
-    float dx[LANES], dy[LANES], dz[LANES];
+    float dx[LANES] = {0}, dy[LANES] = {0}, dz[LANES] = {0};
     const float v = 1 - 2 * ((float)y + 0.5f) / (float)job->height;
     const float cx = (float)(f->forward[0] + (double)v * f->up[0] - f->right[0]);
     const float oy = (float)(f->forward[1] + (double)v * f->up[1] - f->right[1]);
@@ -349,18 +373,19 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
     }
     struct lookup look;
     PRT_KERNEL(cube_lookup)(job->background, n, dx, dy, dz, &look);
-    PRT_KERNEL(cube_fetch)(job->background, n, &look, r, g, b);
+    PRT_KERNEL(cube_fetch)(job->background, n, &look, rgb);
 }
 
-/* A shadow on the background of n pixels of row y. */
-static void PRT_KERNEL(shadow)(const struct shade_job *job, uint32_t y, int n,
-                               const uint32_t *x, float *r, float *g, float *b)
+/* What n <= LANES pixels of row y show where no surface is. */
+static void PRT_KERNEL(behind)(const struct shade_job *job, uint32_t y, int n,
+                               const uint32_t *x, four *rgb)
 {
-    for (int i = 0; i < n; i++) {
+    const four plain = {job->plain[0], job->plain[1], job->plain[2], 0};
+    if (job->background) PRT_KERNEL(background)(job, y, n, x, rgb);
+    for (int i = 0; !job->background && i < n; i++) rgb[i] = plain;
+    for (int i = 0; job->shadow && i < n; i++) {
         const float *left = job->shadow + 3 * ((size_t)y * job->width + x[i]);
-        r[i] *= left[0];
-        g[i] *= left[1];
-        b[i] *= left[2];
+        rgb[i] *= (four){left[0], left[1], left[2], 0};
     }
 }
 
@@ -372,53 +397,81 @@ static void PRT_KERNEL(set_alpha)(const struct shade_job *job, size_t pixel, flo
     job->alpha[pixel] = 1 - left * (1 - lost);
 }
 
+/* Columns [from, to), which no point covers. */
+static void PRT_KERNEL(fill_gap)(const struct shade_job *job, uint32_t y, uint32_t from,
+                                 uint32_t to, float *row)
+{
+    uint32_t x[LANES];
+    four rgb[LANES];
+    for (; from < to; from += LANES) {
+        const int n = to - from < LANES ? (int)(to - from) : LANES;
+        for (int i = 0; i < n; i++) x[i] = from + (uint32_t)i;
+        PRT_KERNEL(behind)(job, y, n, x, rgb);
+        for (int i = 0; i < n; i++)
+            PRT_KERNEL(store3)(row + 3 * (size_t)x[i], rgb[i], x[i] + 1 < to);
+        for (int i = 0; job->alpha && i < n; i++)
+            PRT_KERNEL(set_alpha)(job, (size_t)y * job->width + x[i], 1);
+    }
+}
+
+/* Pixels of which points cover a part: adds the background's share. */
+struct PRT_KERNEL(edges) {
+    uint32_t x[LANES];
+    float left[LANES];
+    int n;
+};
+
+static void PRT_KERNEL(add_edges)(const struct shade_job *job, uint32_t y,
+                                  struct PRT_KERNEL(edges) * e, float *row)
+{
+    four rgb[LANES];
+    if (e->n) PRT_KERNEL(behind)(job, y, e->n, e->x, rgb);
+    for (int i = 0; i < e->n; i++) {
+        float *p = row + 3 * (size_t)e->x[i];
+        for (int c = 0; c < 3; c++) p[c] += e->left[i] * rgb[i][c];
+    }
+    e->n = 0;
+}
+
+/* A pixel whose points have all been added. */
+static void PRT_KERNEL(end_pixel)(const struct shade_job *job, uint32_t y, uint32_t x, four sum,
+                                  float left, struct PRT_KERNEL(edges) * e, float *row)
+{
+    PRT_KERNEL(store3)(row + 3 * (size_t)x, sum, false);
+    if (job->alpha) PRT_KERNEL(set_alpha)(job, (size_t)y * job->width + x, left);
+    if (!(left > 1e-3f)) return;
+    e->x[e->n] = x;
+    e->left[e->n++] = left;
+    if (e->n == LANES) PRT_KERNEL(add_edges)(job, y, e, row);
+}
+
 /* One row of the image: points by their weights, the rest of each pixel by the background. */
 static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
 {
-    const uint32_t *row_point = job->vis->row_point, *pixel = job->g->pixel;
-    const float *cover = job->g->weight;
-    const uint32_t width = job->width;
-    float r[LANES], g[LANES], b[LANES];
-    memset(row, 0, (size_t)width * 3 * sizeof *row);
-    uint32_t gap[LANES], x = 0;
-    int n_gap = 0;
-    float gap_weight[LANES];
-    for (size_t at = row_point[y]; at < row_point[y + 1]; at += LANES) {
-        size_t left = row_point[y + 1] - at;
-        int n = left < LANES ? (int)left : LANES;
-        PRT_KERNEL(shade_points)(job, at, n, r, g, b);
+    const size_t begin = job->vis->row_point[y], end = job->vis->row_point[y + 1];
+    const uint32_t *pixel = job->g->pixel, first = y * job->width;
+    struct PRT_KERNEL(edges) edges = {.n = 0};
+    four rgb[LANES], sum = {0, 0, 0, 0};
+    float left = 1;
+    uint32_t x = 0; /* up to which the row is complete */
+    for (size_t at = begin; at < end; at += LANES) {
+        const int n = end - at < LANES ? (int)(end - at) : LANES;
+        PRT_KERNEL(shade_points)(job, at, n, rgb);
         for (int i = 0; i < n; i++) {
-            float *p = row + 3 * (size_t)(pixel[at + (size_t)i] - y * width);
-            float w = cover[at + (size_t)i];
-            p[0] += w * r[i];
-            p[1] += w * g[i];
-            p[2] += w * b[i];
+            const size_t p = at + (size_t)i;
+            const uint32_t here = pixel[p] - first;
+            const float w = job->g->weight[p];
+            if (here > x) PRT_KERNEL(fill_gap)(job, y, x, here, row);
+            sum += w * rgb[i];
+            left -= w;
+            x = here;
+            if (p + 1 < end && pixel[p + 1] == pixel[p]) continue; /* more of the pixel */
+            PRT_KERNEL(end_pixel)(job, y, here, sum, left, &edges, row);
+            sum = (four){0, 0, 0, 0};
+            left = 1;
+            x = here + 1;
         }
     }
-    /* the share of each pixel that no point covers is background */
-    size_t at = row_point[y], end = row_point[y + 1];
-    for (x = 0; x < width; x++) {
-        float left = 1;
-        for (; at < end && pixel[at] == y * width + x; at++) left -= cover[at];
-        if (job->alpha) PRT_KERNEL(set_alpha)(job, y * width + x, left);
-        gap[n_gap] = x;
-        gap_weight[n_gap] = left;
-        n_gap += left > 1e-3f;
-        if (n_gap < LANES && x + 1 < width) continue;
-        if (job->background) PRT_KERNEL(background)(job, y, n_gap, gap, r, g, b);
-        else
-            for (int i = 0; i < n_gap; i++) {
-                r[i] = job->plain[0];
-                g[i] = job->plain[1];
-                b[i] = job->plain[2];
-            }
-        if (job->shadow) PRT_KERNEL(shadow)(job, y, n_gap, gap, r, g, b);
-        for (int i = 0; i < n_gap; i++) {
-            float *p = row + 3 * (size_t)gap[i];
-            p[0] += gap_weight[i] * r[i];
-            p[1] += gap_weight[i] * g[i];
-            p[2] += gap_weight[i] * b[i];
-        }
-        n_gap = 0;
-    }
+    PRT_KERNEL(fill_gap)(job, y, x, job->width, row);
+    PRT_KERNEL(add_edges)(job, y, &edges, row);
 }

@@ -428,13 +428,12 @@ static int apply_rows(void *arg, size_t begin, size_t end, unsigned worker)
         const struct filter *f = &filter[level];
         const float *in = job->input[level];
         uint32_t n = level_shape[level].n, i = f->begin[row], last = f->begin[row + 1];
-        v4 sum = {0, 0, 0, 0}, more = {0, 0, 0, 0};
-        for (; i + 2 <= last; i += 2) {
-            sum += f->weight[i] * *(const v4 *)(in + 4 * f->index[i]);
-            more += f->weight[i + 1] * *(const v4 *)(in + 4 * f->index[i + 1]);
-        }
-        if (i < last) sum += f->weight[i] * *(const v4 *)(in + 4 * f->index[i]);
-        sum += more;
+        v4 part[4] = {{0, 0, 0, 0}}, sum; // four sums: one waits for its own last addition
+        for (; i + 4 <= last; i += 4)
+            for (uint32_t k = 0; k < 4; k++)
+                part[k] += f->weight[i + k] * *(const v4 *)(in + 4 * f->index[i + k]);
+        for (; i < last; i++) part[0] += f->weight[i] * *(const v4 *)(in + 4 * f->index[i]);
+        sum = (part[0] + part[1]) + (part[2] + part[3]);
         uint32_t face = (uint32_t)(row / (n * n)), y = (uint32_t)(row / n % n);
         memcpy(border_texel(&job->out->level[level], face, (uint32_t)(row % n), y), &sum, 16);
     }
@@ -484,6 +483,14 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
     }
     *out = s;
     return PRT_OK;
+}
+
+size_t prt_specular_bytes(void)
+{
+    size_t n = sizeof(struct prt_specular);
+    for (unsigned k = 0; k < N_LEVEL; k++)
+        n += (size_t)6 * (level_shape[k].n + 2) * (level_shape[k].n + 2) * 4 * sizeof(float);
+    return n;
 }
 
 void prt_specular_destroy(struct prt_specular *s)

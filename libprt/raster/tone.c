@@ -47,40 +47,8 @@ static void make_tables(void)
     }
 }
 
-struct job {
-    const float *in;
-    uint8_t *out;
-    const uint8_t *table;
-    float scale;
-};
-
-static int encode(void *arg, size_t begin, size_t end, unsigned worker)
-{
-    const struct job *job = arg;
-    const float scale = job->scale, lo = 0x1p-14f, hi = 0x1.fffffep11f;
-    const int32_t base = (127 + OCTAVE_LO) << STEP_BITS;
-    const float *in = job->in;
-    const uint8_t *curve_table = job->table;
-    uint8_t *out = job->out; // uint8_t may alias `job`: read once
-    for (size_t i = begin; i < end; i += 256) {
-        int32_t index[256];
-        int n = end - i < 256 ? (int)(end - i) : 256;
-        for (int k = 0; k < n; k++) {
-            // a comparison with NaN is false, so that NaN becomes lo, which is black
-            float x = in[i + (size_t)k] * scale;
-            x = x > lo ? x : lo;
-            x = x < hi ? x : hi;
-            int32_t b;
-            memcpy(&b, &x, 4);
-            index[k] = (b >> SHIFT) - base;
-        }
-        for (int k = 0; k < n; k++) out[i + (size_t)k] = curve_table[index[k]];
-    }
-    return PRT_OK;
-}
-
-int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
-                 enum prt_tone tone, float exposure_ev, uint8_t *rgb8)
+int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float exposure_ev,
+                   struct tone_curve *out)
 {
     if (tone < PRT_TONE_FILMIC || tone > PRT_TONE_NONE)
         return prt_fail(ctx, PRT_ARG, "tone map %d is not one of filmic, reinhard, none",
@@ -89,7 +57,50 @@ int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
         return prt_fail(ctx, PRT_ARG, "exposure %g EV is outside [-64,64]",
                         (double)exposure_ev);
     pthread_once(&once, make_tables);
-    struct job job = {image->rgb, rgb8, table[tone], exp2f(exposure_ev)};
+    *out = (struct tone_curve){table[tone], exp2f(exposure_ev)};
+    return PRT_OK;
+}
+
+void prt_tone_values(const struct tone_curve *tone, const float *in, size_t n, uint8_t *out)
+{
+    const float scale = tone->scale, lo = 0x1p-14f, hi = 0x1.fffffep11f;
+    const int32_t base = (127 + OCTAVE_LO) << STEP_BITS;
+    const uint8_t *curve_table = tone->table;
+    for (size_t i = 0; i < n; i += 256) {
+        int32_t index[256];
+        int m = n - i < 256 ? (int)(n - i) : 256;
+        for (int k = 0; k < m; k++) {
+            // a comparison with NaN is false, so that NaN becomes lo, which is black
+            float x = in[i + (size_t)k] * scale;
+            x = x > lo ? x : lo;
+            x = x < hi ? x : hi;
+            int32_t b;
+            memcpy(&b, &x, 4);
+            index[k] = (b >> SHIFT) - base;
+        }
+        for (int k = 0; k < m; k++) out[i + (size_t)k] = curve_table[index[k]];
+    }
+}
+
+struct job {
+    const float *in;
+    uint8_t *out;
+    struct tone_curve curve;
+};
+
+static int encode(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct job *job = arg;
+    prt_tone_values(&job->curve, job->in + begin, end - begin, job->out + begin);
+    return PRT_OK;
+}
+
+int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
+                 enum prt_tone tone, float exposure_ev, uint8_t *rgb8)
+{
+    struct job job = {image->rgb, rgb8, {0}};
+    int status = prt_tone_curve(ctx, tone, exposure_ev, &job.curve);
+    if (status) return status;
     return prt_parallel_for(ctx, NULL, (size_t)image->width * image->height * 3, 65536, encode,
                             &job);
 }

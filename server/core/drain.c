@@ -7,11 +7,11 @@
 #include <string.h>
 
 // Chosen, not measured.
-enum { SEVERAL = 4 };                  // open ones from which on the workers are taken for busy
-static const double WINDOW_NS = 5e8;   // busy time after which what was counted weighs half
-static const double SLOWEST = 0.25;    // of one worker: an opening model is no measure of speed
-static const double PART = 0.75;       // of the time to the deadline that may be planned with
-static const double NEWEST = 1 / 16.0; // weight in a mean
+enum { SEVERAL = 4 };                // open ones from which on the workers are taken for busy
+static const double WINDOW_NS = 5e8; // busy time after which what was counted weighs half
+static const double SLOWEST = 0.25;  // of one worker: an opening model is no measure of speed
+static const double PART = 0.75;     // of the time to the deadline that may be planned with
+static const double LOWER = 1 / 8.0, HIGHER = 1 / 16.0; // weights of the newest in a mean
 static const uint32_t MOST_RETRY_MS = 10000;
 
 void drain_init(struct drain *d, unsigned n_thread)
@@ -45,9 +45,12 @@ static void measure(struct drain *d, uint64_t kind, double cost_ns)
 {
     const unsigned i = (unsigned)(kind % DRAIN_KINDS);
     double *mean = &d->mean[i].cost_ns;
-    bool first = d->mean[i].kind != kind || !(*mean > 0);
+    const bool same = d->mean[i].kind == kind && d->mean[i].seen;
     d->mean[i].kind = kind;
-    *mean = first ? cost_ns : *mean + NEWEST * (cost_ns - *mean);
+    d->mean[i].seen = true;
+    if (!same) *mean = 0;
+    else if (!(*mean > 0)) *mean = cost_ns;
+    else *mean += (cost_ns < *mean ? LOWER : HIGHER) * (cost_ns - *mean);
 }
 
 // Its index; DRAIN_FLOWS: it has nothing open.

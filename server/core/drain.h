@@ -35,7 +35,8 @@ struct drain {
     struct drain_flow flow[DRAIN_FLOWS];
     struct {
         uint64_t kind;
-        double cost_ns; /* running mean; 0: not measured */
+        double cost_ns; /* running mean, in which high ones weigh less; 0: not measured */
+        bool seen;      /* the first one of the kind, which has costs of its own, has ended */
     } mean[DRAIN_KINDS];
     unsigned n_open;
     unsigned n_thread; /* workers: the speed is at most that */

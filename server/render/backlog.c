@@ -27,14 +27,19 @@ void render_count(struct render *r)
                 r->actor.class, r->start_ns);
 }
 
-// The workers' time for it: a pass is shared.
+// The workers' time for it: a pass is shared. The file and the environments are left out, as
+// other processes and the disk make them.
 static double cost_ns(const struct render *r)
 {
     const struct render_result *out = &r->result;
-    const double shared = fmax(out->shared, 1), n = render_n_values(&r->spec);
-    const double pass_ms = (double)out->relight_ms * fmin(n / shared, 1);
-    return 1e6 * (pass_ms + (double)(out->light_ms + out->raster_ms + out->shade_ms) +
-                  (double)out->encode_ms);
+    const unsigned n = render_n_values(&r->spec);
+    double ms = (double)(out->raster_ms + out->shade_ms + out->encode_ms);
+    ms += (double)out->relight_ms * fmin(n / fmax(out->shared, 1), 1);
+    ms += (double)(dependency_ms(&r->specular) + dependency_ms(&r->background) +
+                   dependency_ms(&r->floor));
+    for (unsigned i = 0; i < n; i++)
+        ms += (double)(dependency_ms(&r->light[i]) + dependency_ms(&r->contracted_light[i]));
+    return 1e6 * ms;
 }
 
 void render_uncount(struct render *r)

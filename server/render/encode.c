@@ -128,14 +128,47 @@ bool image_format_alpha(unsigned format)
            prt_picture_format(formats[format].ending)->alpha;
 }
 
+bool draws_rgb8(const struct render_spec *s)
+{
+    const struct image_format *format = &formats[s->image_format];
+    return !s->transparent &&
+           (format->encode == raw_rgb8 ||
+            (format->ending && prt_picture_format(format->ending)->encode_rgb8));
+}
+
+static struct prt_picture_options options_of(const struct render_spec *s)
+{
+    return (struct prt_picture_options){.tone = (enum prt_tone)s->tone,
+                                        .exposure_ev = s->picture_ev,
+                                        .quality = (int)s->quality,
+                                        .full_float = formats[s->image_format].full_float};
+}
+
+int encode_rgb8(const struct prt_context *ctx, const struct render_spec *s, uint8_t *rgb8,
+                struct prt_blob *out)
+{
+    const char *ending = formats[s->image_format].ending;
+    const struct prt_picture_options options = options_of(s);
+    struct prt_blob blob = {rgb8, (size_t)s->width * s->height * 3};
+    if (ending) {
+        blob = (struct prt_blob){0};
+        int status = prt_picture_format(ending)->encode_rgb8(ctx, rgb8, s->width, s->height,
+                                                             &options, &blob);
+        prt_free(rgb8);
+        if (status) {
+            prt_free(blob.bytes);
+            return status;
+        }
+    }
+    *out = blob;
+    return PRT_OK;
+}
+
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out)
 {
     const struct image_format *format = &formats[s->image_format];
-    const struct prt_picture_options options = {.tone = (enum prt_tone)s->tone,
-                                                .exposure_ev = s->picture_ev,
-                                                .quality = (int)s->quality,
-                                                .full_float = format->full_float};
+    const struct prt_picture_options options = options_of(s);
     struct prt_blob blob = {0};
     int status = format->ending
                      ? prt_picture_format(format->ending)->encode(ctx, image, &options, &blob)

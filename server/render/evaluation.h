@@ -19,6 +19,11 @@ struct cache_entry *light_get(struct server *server, const struct render_spec *s
 struct cache_entry *background_get(struct server *server, const struct render_spec *spec,
                                    struct cache_entry *const env[]);
 
+/* ---- specular.c: struct prt_specular ---- */
+
+/* Of a light of light_get(), ready or not; NULL without memory. */
+struct cache_entry *specular_get(struct server *server, struct cache_entry *light);
+
 /* ---- visibility.c: struct prt_visibility ---- */
 
 /* The camera that the request gives, or one that frames the model. 0, or an error's code for a
@@ -197,5 +202,10 @@ bool image_format_known(unsigned format);
 bool image_format_alpha(unsigned format); /* keeps alpha */
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out);
+/* Whether the spec's format is made of pixels of 8 bits, which shading writes at once, and its
+ * file from them. encode_rgb8() takes rgb8 over: prt_free()s it, or puts it into *out. */
+bool draws_rgb8(const struct render_spec *s);
+int encode_rgb8(const struct prt_context *ctx, const struct render_spec *s, uint8_t *rgb8,
+                struct prt_blob *out);
 
 #endif

@@ -102,18 +102,23 @@ static int point_radiance(const struct render *r, const float (**rgb)[3])
     return status;
 }
 
-static int shade(const struct render *r, const struct prt_context *ctx,
-                 const struct prt_specular *specular, struct prt_image *image)
+// rgb8: pixels in place of the image; or NULL.
+static int shade(const struct render *r, const struct prt_context *ctx, struct prt_image *image,
+                 uint8_t *rgb8)
 {
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
     struct prt_shade shade = {.transparent = r->spec.transparent,
                               .media = *render_media(r),
                               .fresnel = total,
-                              .specular = specular,
+                              .specular = r->specular.entry ? r->specular.entry->value : NULL,
+                              .rgb8 = rgb8,
+                              .tone = (enum prt_tone)r->spec.tone,
+                              .exposure_ev = r->spec.picture_ev,
                               .background =
                                   r->background.entry ? r->background.entry->value : NULL};
     if (r->floor.entry) shade.shadow = r->floor.entry->value;
     if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
+    if (r->spec.n_light == 1) shade.specular_rotate_deg = (float)r->spec.light[0].rotate_deg;
     if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) shade.leave_out = PRT_LOOK_ALL;
     if (*r->spec.map[0]) shade.leave_out |= PRT_LOOK_BASE; // uploaded maps replace the file's
     if (*r->spec.map[1] || *r->spec.map[2]) shade.leave_out |= PRT_LOOK_NORMAL;
@@ -136,20 +141,22 @@ static int shade(const struct render *r, const struct prt_context *ctx,
 
 static int run_picture(struct render *r, const struct prt_context *ctx)
 {
-    const struct prt_cube *lobes = r->specular.entry ? r->specular.entry->value : NULL;
-    struct prt_specular *specular = NULL;
     struct prt_image image = {0};
     struct prt_blob blob = {0};
     double start = prt_time_s();
-    int status = lobes && !r->spec.quiet ? prt_specular_create(ctx, lobes, &specular) : PRT_OK;
-    if (!status) status = shade(r, ctx, specular, &image);
+    int status = PRT_OK;
+    bool in_8_bits = draws_rgb8(&r->spec) && !r->spec.quiet;
+    uint8_t *rgb8 = in_8_bits ? prt_alloc((size_t)r->spec.width * r->spec.height, 3) : NULL;
+    if (in_8_bits && !rgb8) status = PRT_NOMEM;
+    if (!status) status = shade(r, ctx, &image, rgb8);
     double shaded = prt_time_s();
-    if (!status && !r->spec.quiet) status = encode_image(ctx, &r->spec, &image, &blob);
+    if (status) prt_free(rgb8);
+    else if (rgb8) status = encode_rgb8(ctx, &r->spec, rgb8, &blob);
+    else if (!r->spec.quiet) status = encode_image(ctx, &r->spec, &image, &blob);
     if (!status && !r->spec.quiet) own_payload(r, blob.bytes, blob.size, prt_free);
     r->result.shade_ms = (float)((shaded - start) * 1e3);
     r->result.encode_ms = (float)((prt_time_s() - shaded) * 1e3);
     prt_image_finish(&image);
-    prt_specular_destroy(specular);
     return status;
 }
 
@@ -346,8 +353,8 @@ static void set_cost(struct render *r)
     for (unsigned i = 0; i < s->n_light; i++)
         out->light_ms += dependency_ms(&r->env[i]) + dependency_ms(&r->light[i]) +
                          dependency_ms(&r->contracted_light[i]);
-    if (r->specular.entry != r->light[0].entry) out->light_ms += dependency_ms(&r->specular);
-    out->light_ms += dependency_ms(&r->background) + dependency_ms(&r->floor);
+    out->light_ms +=
+        dependency_ms(&r->specular) + dependency_ms(&r->background) + dependency_ms(&r->floor);
     for (unsigned i = 0; i < render_n_values(s); i++)
         out->relight_ms = fmaxf(out->relight_ms, dependency_ms(&r->vertex_values[i]));
     if (r->screen) out->relight_ms = dependency_ms(&r->screen_radiance);

@@ -213,6 +213,18 @@ static void step_environments(struct render *r)
     if (r->screen && !r->visibility.was_ready) shape_prepare(r->model, r->shape.entry);
 }
 
+// A single light is filtered as it was before its turn: shading turns the look-up.
+static void depend_on_specular(struct render *r, struct cache_entry *const env[])
+{
+    const struct render_spec *s = &r->spec;
+    struct cache_entry *light =
+        light_get(r->server, s, env, 0, s->n_light, SPECULAR_CUBE, s->n_light > 1);
+    struct cache_entry *entry = specular_get(r->server, light);
+    cache_release(light);
+    if (entry) depend(r, &r->specular, entry);
+    else set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+}
+
 static void step_lights(struct render *r)
 {
     uint32_t cube = r->screen ? SPECULAR_CUBE : render_transport(r)->cube;
@@ -225,8 +237,7 @@ static void step_lights(struct render *r)
         depend(r, &r->light[i], light_get(r->server, s, env, i, each, cube, true));
     if (!draws(r)) return;
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
-        depend(r, &r->specular,
-               light_get(r->server, s, env, 0, s->n_light, SPECULAR_CUBE, true));
+        depend_on_specular(r, env);
     if (s->n_light && !s->plain_background && !s->transparent)
         depend(r, &r->background, background_get(r->server, s, env));
 }

@@ -246,7 +246,7 @@ static void turned_lights(void **state)
         const uint32_t w = width[k % 3], h = w / 2, n = 16u << k % 2;
         const double degrees = 31.7 * k + 0.4;
         struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {w, h, NULL}};
-        struct prt_cube exact, turned, made;
+        struct prt_cube exact, turned, again, made;
         env.latlong.rgb = prt_alloc((size_t)w * h * 3, sizeof(float));
         for (size_t i = 0; i < (size_t)w * h * 3; i++)
             env.latlong.rgb[i] = expf(2 * prt_rng_f32(&rng));
@@ -264,6 +264,14 @@ static void turned_lights(void **state)
         expect_near("power over the exact cube's", cube_power(&turned) / cube_power(&exact), 1,
                     1.8e-5);
         expect_below("difference of irradiance", irradiance_error(&turned, &exact), 2.6e-3);
+        // Cubes that are kept between turns, and replaced, change nothing.
+        for (int i = 0; i < 50; i++) {
+            assert_int_equal(prt_env_turned(&ctx, &env, n, i < 49 ? 7.3 * i : degrees, &again),
+                             0);
+            if (i == 49)
+                assert_memory_equal(again.texel, turned.texel, sizeof(float) * 18 * n * n);
+            prt_cube_finish(&again);
+        }
         prt_cube_finish(&exact);
         prt_cube_finish(&turned);
         prt_env_cache_destroy(&env);

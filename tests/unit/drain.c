@@ -142,10 +142,12 @@ static void kinds_and_classes(void **state)
     struct drain d;
     struct drain_item item[40];
     drain_init(&d, 1);
-    drain_begin(&d, &item[0], "a", OTHER_KIND, WORK_BACKGROUND, 0);
-    drain_end(&d, &item[0], 3000 * MS, 0);
-    drain_begin(&d, &item[0], "a", KIND, WORK_INTERACTIVE, 0);
-    drain_end(&d, &item[0], 2 * MS, 0);
+    for (int i = 0; i < 2; i++) { // the first of a kind is no measure
+        drain_begin(&d, &item[0], "a", OTHER_KIND, WORK_BACKGROUND, 0);
+        drain_end(&d, &item[0], i ? 3000 * MS : 9e6 * MS, 0);
+        drain_begin(&d, &item[0], "a", KIND, WORK_INTERACTIVE, 0);
+        drain_end(&d, &item[0], i ? 2 * MS : 9e6 * MS, 0);
+    }
     for (int i = 0; i < 8; i++) drain_begin(&d, &item[i], "a", OTHER_KIND, WORK_BACKGROUND, 0);
     assert_int_equal(drain_retry_ms(&d, "a", KIND, WORK_INTERACTIVE, 100 * MS), 0);
     assert_true(drain_retry_ms(&d, "a", OTHER_KIND, WORK_BACKGROUND, 100 * MS) > 0);

@@ -571,6 +571,64 @@ static void background_is_looked_up(void **state)
     scene_finish(&s);
 }
 
+// A turned look-up gives the picture of the turned environment, and pixels of 8 bits are what
+// prt_tone_map() makes of the image. A quarter of a turn maps texels to texels.
+static void turned_specular_and_8_bits(void **state)
+{
+    enum { W = 120, H = 90 };
+    struct scene s;
+    scene_init(&s, 8000, 16000);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 24, true);
+    struct prt_camera c = front(45, 40);
+    struct prt_visibility *vis = see(&s, &c, W, H, 4);
+    struct prt_rng rng;
+    prt_rng_init(&rng, 12, 0);
+    float *planes = malloc((size_t)4 * s.mesh.n_vertex * 12);
+    for (size_t i = 0; i < (size_t)12 * s.mesh.n_vertex; i++) planes[i] = prt_rng_f32(&rng);
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = uniform_cube(32, (float[3]){0, 0, 0})};
+    for (size_t i = 0; i < 6 * 32 * 32 * 3; i++) env.cube.texel[i] = prt_rng_f32(&rng);
+    struct prt_cube turned;
+    struct prt_image image[2];
+    uint8_t rgb8[H * W * 3], expected[H * W * 3];
+    assert_int_equal(prt_env_to_cube(&quiet, &env, 32, 90, &turned), PRT_OK);
+    struct prt_shade shade = {
+        .n_plane = 4, .planes = planes, .media = SURFACE(1.5f, 0.1f), .fresnel = true};
+    for (int k = 0; k < 2; k++) {
+        struct prt_specular *specular = NULL;
+        const struct prt_cube *cube = k ? &env.cube : &turned;
+        assert_int_equal(prt_specular_create(&quiet, cube, &specular), PRT_OK);
+        shade.specular = specular;
+        shade.background = cube;
+        shade.specular_rotate_deg = shade.background_rotate_deg = k ? 90 : 0;
+        assert_int_equal(prt_shade_image(&quiet, vis, &s.mesh, &shade, &image[k]), PRT_OK);
+        if (k) {
+            struct prt_image none;
+            shade.rgb8 = rgb8;
+            shade.tone = PRT_TONE_REINHARD;
+            shade.exposure_ev = 0.7f;
+            assert_int_equal(prt_shade_image(&quiet, vis, &s.mesh, &shade, &none), PRT_OK);
+            assert_null(none.rgb);
+            assert_int_equal(prt_tone_map(&quiet, &image[1], PRT_TONE_REINHARD, 0.7f, expected),
+                             PRT_OK);
+            assert_memory_equal(rgb8, expected, sizeof rgb8);
+            shade.transparent = true;
+            assert_int_equal(prt_shade_image(&quiet, vis, &s.mesh, &shade, &none), PRT_ARG);
+        }
+        prt_specular_destroy(specular);
+    }
+    double worst = 0;
+    for (size_t i = 0; i < (size_t)W * H * 3; i++)
+        worst = fmax(worst, fabs((double)image[0].rgb[i] - (double)image[1].rgb[i]));
+    print_message("turned look-up: at most %.2e off\n", worst);
+    assert_true(worst < 2e-4);
+    for (int k = 0; k < 2; k++) prt_image_finish(&image[k]);
+    prt_visibility_destroy(vis);
+    prt_cube_finish(&turned);
+    free(planes);
+    free(env.cube.texel);
+    scene_finish(&s);
+}
+
 // Every instruction set gives the C kernel's picture up to rounding.
 static void kernels_agree(void **state)
 {
@@ -814,6 +872,7 @@ int main(void)
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
         cmocka_unit_test(phase_planes_times_harmonics),
+        cmocka_unit_test(turned_specular_and_8_bits),
         cmocka_unit_test(specular_of_constant_is_constant),
         cmocka_unit_test(specular_spreads_with_roughness),
         cmocka_unit_test(background_is_looked_up),

@@ -28,6 +28,10 @@ struct prt_picture_format {
      * that is 0, is freed by prt_free(out->bytes). Thread-safe; blocks while it computes. */
     int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
                   const struct prt_picture_options *options, struct prt_blob *out);
+    /* The same of pixels that prt_tone_map() made, without alpha; NULL: not this format. */
+    int (*encode_rgb8)(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,
+                       uint32_t height, const struct prt_picture_options *options,
+                       struct prt_blob *out);
 };
 
 /* The format of a name by its ending ("a.png", ".PNG"); NULL: none. Thread-safe, does not

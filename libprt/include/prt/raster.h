@@ -131,9 +131,12 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
                         struct prt_specular **out);
 /* Frees a filtered environment; NULL is allowed. */
 void prt_specular_destroy(struct prt_specular *specular);
+size_t prt_specular_bytes(void); /* that one takes */
 /* Radiance reflected about direction r, of any length, by a lobe of this roughness [0,1]. */
 void prt_specular_eval(const struct prt_specular *specular, const float r[3], float roughness,
                        float rgb[3]);
+
+enum prt_tone { PRT_TONE_FILMIC, PRT_TONE_REINHARD, PRT_TONE_NONE };
 
 enum { PRT_LOOK_BASE = 1, PRT_LOOK_NORMAL = 2, PRT_LOOK_REST = 4, PRT_LOOK_ALL = 7 };
 struct prt_shade {
@@ -145,6 +148,7 @@ struct prt_shade {
                    * `exit` (METHODS §1) */
     enum prt_exit exit;
     const struct prt_specular *specular; /* NULL: none */
+    float specular_rotate_deg;           /* rotates it as background_rotate_deg does that */
     const struct prt_cube *background;   /* NULL: background_rgb */
     unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */
     float background_rgb[3];
@@ -153,6 +157,12 @@ struct prt_shade {
                             transparent one, 1 - its mean is the alpha of black */
     float background_rotate_deg; /* rotates `background` counter-clockwise about +y, seen from
                                     above, so that rotating the light needs no new cube */
+    /* [height][width][3], filled in place of the image, which then has no rgb: what
+     * prt_tone_map() makes of it, with this tone and exposure. NULL: an image; not with
+     * `transparent`. */
+    uint8_t *rgb8;
+    enum prt_tone tone;
+    float exposure_ev;
 };
 /* The linear radiance image [height][width][3] of vertex values. Opaque surfaces take plane 0
  * without Fresnel. The caller ends *out with prt_image_finish. PRT_MISMATCH for a visibility
@@ -166,7 +176,6 @@ int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility 
                      const float (*radiance)[3], const struct prt_shade *shade,
                      struct prt_image *out);
 
-enum prt_tone { PRT_TONE_FILMIC, PRT_TONE_REINHARD, PRT_TONE_NONE };
 /* Multiplies by 2^exposure_ev ([-64,64] stops), applies a tone curve (METHODS §6; RSSF02) and
  * encodes as sRGB: rgb8 [height][width][3]. PRT_ARG for values out of range. */
 int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
