@@ -65,7 +65,11 @@ function bake() {
   for (const [name, file, extra] of [
     ["marble", "bumps.obj", ["--material", "marble"]],
     ["open", "bumps.obj", []],
-    ["toy", "toy.glb", ["--material", "Left=marble", "--material", "skin1"]],
+    [
+      "toy",
+      "toy.glb",
+      ["--transport", "joint", "--material", "Left=skin2", "--material", "skin1"],
+    ],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
     const done = spawnSync(join(bin, "prt"), [
@@ -169,16 +173,9 @@ const coefficients = async (page) => {
   );
   await settled(page);
 };
-// The newest state was drawn: the view waits for no frame, the lamps are applied, the GPU is idle.
+// The newest state was drawn in full: no frame and no map is awaited, the GPU is idle.
 async function settled(page) {
-  await page.waitForFunction(
-    () => {
-      const v = globalThis.relightViewer;
-      return v.view && !v.view.waits && !v.view.next && v.lit && (!v.stage || v.stage.idle);
-    },
-    null,
-    PATIENCE,
-  );
+  await page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
   await page.waitForTimeout(100);
 }
 const linear = (page, width = 160, height = 120) =>
@@ -270,7 +267,6 @@ const scenarios = {
       const page = await open(`${home}/#model=${model}&light=page:window@40,0${more}`);
       await mode(page, "mesh");
       await coefficients(page);
-      await page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
       const { rmse, pixels } = await againstDaemon(page);
       console.log(
         `  ${model}${more} against the daemon's picture: ` +
@@ -372,6 +368,29 @@ const scenarios = {
     console.log(`  edited, against the daemon's picture: ${(100 * rmse).toFixed(2)} %`);
     assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
     await shot(page, "material");
+    await page.keyboard.press("Control+z");
+    await settled(page);
+    assert.ok(difference(before, await linear(page)) < 1e-3);
+    await page.context().close();
+  },
+
+  async "one object's medium is edited, in the link, and undone"(home) {
+    const page = await open(`${home}/#model=toy.prt&material.Left=cream`);
+    await mode(page, "mesh");
+    await coefficients(page);
+    const before = await linear(page);
+    await page.getByRole("tab", { name: "Material" }).click();
+    await page.getByRole("radio", { name: "Right" }).click();
+    await page.getByRole("radio", { name: "Ketchup" }).click();
+    await settled(page);
+    assert.ok(difference(before, await linear(page)) > 0.05);
+    assert.match(page.url(), /material\.Left=cream&material\.Right=ketchup/);
+    const { rmse } = await againstDaemon(page);
+    console.log(
+      `  one object edited, against the daemon's picture: ${(100 * rmse).toFixed(2)} %`,
+    );
+    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+    await shot(page, "material-object");
     await page.keyboard.press("Control+z");
     await settled(page);
     assert.ok(difference(before, await linear(page)) < 1e-3);

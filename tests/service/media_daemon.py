@@ -6,10 +6,14 @@ loads by a map of materials are prt's.
    tests/service/media_daemon.py BIN FOLDER_OF_THE_PYTHON_PACKAGE"""
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
+import urllib.error
+import urllib.parse
+import urllib.request
 
 BIN = os.path.abspath(sys.argv[1])
 PYTHON = os.path.abspath(sys.argv[2])
@@ -17,6 +21,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 import candle  # noqa: E402
 
 failed = 0
+PORT = 0
 LIT = ['--env', 'constant', '--rotate', '30']
 PICTURE = [*LIT, '--size', '96x72']
 # of the index of the bake's wax and holder
@@ -163,6 +168,30 @@ def previews():
     expect('did you mean wax?' in said, said)
 
 
+def ask(path, **query):
+    url = 'http://127.0.0.1:%d%s?%s' % (PORT, path, urllib.parse.urlencode(query))
+    try:
+        with urllib.request.urlopen(url, timeout=120) as answer:
+            return answer.status, answer.read()
+    except urllib.error.HTTPError as refused:
+        return refused.code, refused.read()
+
+
+def web():
+    """material.OBJECT of a query is an entry of the map."""
+    relight('colors', 'open', *LIT, *material('wax=' + GREEN, 'skin1'), '-o', 'want.csv')
+    status, csv = ask('/v1/models/open/colors.csv', env='constant', rotate=30, material='skin1',
+                      **{'material.wax': GREEN})
+    with open('got.csv', 'wb') as f:
+        f.write(csv)
+    expect(status == 200, 'a query with a map: %d %s' % (status, csv[:200]))
+    same('got.csv', 'want.csv', 1e-6)
+    for name, value, text in (('material.wux', 'marble', b'did you mean wax?'), ('material.', 'marble', b'missing'),
+                              ('material.wax', '', b'missing')):
+        status, said = ask('/v1/models/open/image.png', env='constant', size='64x48', **{name: value})
+        expect(status in (400, 422) and text in said, '%s: %d %s' % (name, status, said[:300]))
+
+
 def refusals():
     for words, status, text in (
             (('wux=skin1',), 2, 'did you mean wax?'),
@@ -236,6 +265,7 @@ def loads():
 
 
 def main():
+    global PORT
     os.chdir(tempfile.mkdtemp(prefix='relight-media-'))
     os.mkdir('models')
     candle.write('candle.gltf')
@@ -244,11 +274,14 @@ def main():
     run('prt', 'bake', 'candle.gltf', '--samples', '1500', '--cube', '16', '--transport', 'joint',
         *material('wax=marble', 'holder=ketchup'), '-o', 'models/open.prt', '--quiet')
     with open('log', 'w', encoding='utf-8') as log:
-        daemon = subprocess.Popen([os.path.join(BIN, 'relightd'), '--models', 'models', '--listen', 'unix:socket'],
-                                  stdout=log, stderr=log)
+        daemon = subprocess.Popen([os.path.join(BIN, 'relightd'), '--models', 'models', '--listen', 'unix:socket',
+                                   '--http', '127.0.0.1:0'], stdout=log, stderr=log)
     try:
         for _ in range(600):
-            if os.path.exists('socket'):
+            with open('log', encoding='utf-8') as log:
+                found = re.search(r'http:127\.0\.0\.1:(\d+)', log.read())
+            if found and os.path.exists('socket'):
+                PORT = int(found[1])
                 break
             time.sleep(0.1)
         relight('load', 'fixed.prt')
@@ -259,6 +292,7 @@ def main():
         files()
         floors()
         previews()
+        web()
         refusals()
         views()
         loads()

@@ -148,6 +148,7 @@ export class Viewer {
     const changed =
       !same(old?.lamps, state.lamps) ||
       old?.material !== state.material ||
+      !same(old.materials, state.materials) ||
       old.term !== state.term ||
       (pictures && !same(old, state));
     if (changed && this.view) this.view.set(() => this.change());
@@ -327,8 +328,12 @@ export class Viewer {
   }
 
   private scattersEvenly(state: SceneState): boolean {
-    const medium = parseMedium(state.material || this.info?.material || "{}");
-    return !medium || medium.g.every((g) => g === 0);
+    const own = this.info?.media.length ? this.info.media : [this.info?.material ?? "{}"];
+    const all = [
+      ...(state.material ? [state.material] : own),
+      ...Object.values(state.materials),
+    ];
+    return all.every((text) => parseMedium(text)?.g.every((g) => g === 0) ?? true);
   }
 
   private async openView(
@@ -371,7 +376,11 @@ export class Viewer {
   // ---- what the daemon computes
 
   private shade(state: SceneState) {
-    return { term: termOf(state), material: state.material };
+    const materials = Object.entries(state.materials).map(([object, material]) => ({
+      object,
+      material,
+    }));
+    return { term: termOf(state), material: state.material, materials };
   }
 
   private picture(state: SceneState, size?: { width: number; height: number }) {
@@ -418,9 +427,13 @@ export class Viewer {
         fields.push("lights");
       }
     }
-    if (sent.material !== state.material || sent.term !== state.term) {
+    if (
+      sent.material !== state.material ||
+      !same(sent.materials, state.materials) ||
+      sent.term !== state.term
+    ) {
       out.shade = this.shade(state);
-      fields.push("shade.material", "shade.term");
+      fields.push("shade.material", "shade.materials", "shade.term");
     }
     if (this.status.mode === "pictures") {
       out.picture = this.picture(state);
