@@ -36,7 +36,7 @@ start() {
     : >log
     "$bin/relightd" --data "$dir/data" --models "$dir" --listen "unix:$dir/s" "$@" 2>>log &
     daemon=$!
-    for _ in $(seq 200); do
+    for _ in $(seq 1200); do
         grep -q ' start version' log && return
         sleep 0.05
     done
