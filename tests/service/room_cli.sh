@@ -98,6 +98,11 @@ awk 'BEGIN { split("1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1", p, " "); split("1 3
 sed 's/^v \([^ ]*\)/v 1\1/; s/^v 1-1/v 9/; s/^v 1\([01]\) /v 1\1 /' small.obj >far.obj
 expect 0 room anchors "$room"
 says 'pin 2  on its triangle, as it was'
+# Another bake of the same shape has the same triangles.
+expect 0 load small.obj --remote --name twin --size-mm 20 --material wholemilk --wait --samples 1000
+expect 0 room scene "$room" --model twin
+expect 0 room anchors "$room"
+says 'pin 2  on its triangle, as it was'
 expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model fine
 expect 0 room anchors "$room"
