@@ -241,7 +241,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->difference = true;
         break;
     case KEY_FPS:
-        o->fps = number(state, "fps", arg, 0.1, 240);
+        o->fps = option_number(state, "fps", arg, 0.1, 240);
         break;
     case 'j':
         o->json = true;
