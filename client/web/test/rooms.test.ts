@@ -37,6 +37,7 @@ function octahedron(n: number, hash: string): Mesh {
     normals: new Float32Array(positions.length),
     triangles: Uint32Array.from(triangles),
     uv: [],
+    cornerUv: null,
     tint: null,
     blocked: null,
     parts: [],
