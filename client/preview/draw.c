@@ -2,6 +2,9 @@
 // Frames: light and camera of each, drawing, tiling, files.
 #include "preview.h"
 
+#include "../cli/picture_compare.h"
+#include "video.h"
+
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -19,7 +22,10 @@ struct drawing {
     const struct sky *background_of;
     double rotate_deg;
     struct prt_specular *specular;
-    struct prt_image canvas;  /* a sheet's */
+    struct prt_image canvas; /* a sheet's */
+    struct video *video;
+    uint8_t *rgb;             /* of a film's frame; of both pictures of a difference */
+    uint32_t attempt;         /* index of the --try */
     struct prt_camera camera; /* of frame 0 */
 };
 
@@ -139,25 +145,37 @@ static int save(struct scene *scene, const char *path, const struct prt_image *i
     return EXIT_DONE;
 }
 
-// FILE.png, FILE-FRAME.png or FILE-ENV-FRAME.png
+// FILE.png, FILE-COLUMN.png or FILE-ENV-COLUMN.png
 static void file_name(const struct options *o, size_t env, uint32_t frame, char *out, size_t n)
 {
     const char *dot = strrchr(o->output, '.');
     int stem = (int)(dot - o->output);
-    if (o->n_env == 1 && o->n_frame == 1) snprintf(out, n, "%s", o->output);
+    if (o->n_env == 1 && options_columns(o) == 1) snprintf(out, n, "%s", o->output);
     else if (o->n_env == 1) snprintf(out, n, "%.*s-%03u%s", stem, o->output, frame, dot);
     else snprintf(out, n, "%.*s-%zu-%03u%s", stem, o->output, env, frame, dot);
+}
+
+// One picture as it is displayed, into the film, or beside the other of a difference.
+static int keep_displayed(struct drawing *d, size_t index, const struct prt_image *image)
+{
+    const struct options *o = d->scene->options;
+    uint8_t *to = d->rgb + (d->video ? 0 : index * 3 * image->width * image->height);
+    if (prt_tone_map(&d->scene->ctx, image, o->tone, o->exposure_ev, to)) return EXIT_FAILED;
+    if (!d->video || video_add(d->video, to)) return EXIT_DONE;
+    return EXIT_FAILED; // video_close says so
 }
 
 static int keep(struct drawing *d, size_t env, uint32_t frame, const struct prt_image *image)
 {
     const struct options *o = d->scene->options;
+    const uint32_t column = o->n_try ? d->attempt : frame;
+    if (o->difference || d->video) return keep_displayed(d, env + column, image);
     if (!o->sheet) {
         char path[4096];
-        file_name(o, env, frame, path, sizeof path);
+        file_name(o, env, column, path, sizeof path);
         return save(d->scene, path, image);
     }
-    size_t x = (size_t)frame * (o->width + o->gap), y = env * (o->height + o->gap);
+    size_t x = (size_t)column * (o->width + o->gap), y = env * (o->height + o->gap);
     for (size_t row = 0; row < o->height; row++) {
         size_t to = (y + row) * d->canvas.width + x, from = row * o->width;
         memcpy(d->canvas.rgb + 3 * to, image->rgb + 3 * from, 12 * (size_t)o->width);
@@ -170,7 +188,7 @@ static int keep(struct drawing *d, size_t env, uint32_t frame, const struct prt_
 static int make_canvas(struct drawing *d)
 {
     const struct options *o = d->scene->options;
-    uint64_t w = (uint64_t)o->n_frame * (o->width + o->gap) - o->gap;
+    uint64_t w = (uint64_t)options_columns(o) * (o->width + o->gap) - o->gap;
     uint64_t h = o->n_env * (uint64_t)(o->height + o->gap) - o->gap;
     if (w > 32768 || h > 32768 || w * h > 1u << 28) {
         fprintf(stderr,
@@ -217,6 +235,77 @@ static int draw_row(struct drawing *d, size_t env)
     return status;
 }
 
+// Memory of the pictures, or the film.
+static int prepare_output(struct drawing *d)
+{
+    const struct options *o = d->scene->options;
+    bool film = video_is_name(o->output);
+    if (film || o->difference) {
+        d->rgb = malloc((film ? 3 : 6) * (size_t)o->width * o->height);
+        if (!d->rgb) return EXIT_FAILED;
+    }
+    if (film && !(d->video = video_open(o->output, o->width, o->height, o->fps)))
+        return EXIT_FAILED;
+    return o->sheet ? make_canvas(d) : EXIT_DONE;
+}
+
+// The map of CIEDE2000 of the second picture against the first.
+static int save_difference(struct drawing *d)
+{
+    const struct options *o = d->scene->options;
+    const size_t n = (size_t)o->width * o->height;
+    struct picture_difference found;
+    float *delta = malloc(n * sizeof *delta);
+    uint32_t w, h;
+    size_t bytes = 0;
+    uint8_t *map = NULL;
+    void *png = NULL;
+    if (delta && picture_compare(d->rgb, d->rgb + 3 * n, n, delta, &found))
+        map = compare_draw(COMPARE_DELTA, d->rgb, d->rgb + 3 * n, delta, o->width, o->height,
+                           &w, &h);
+    if (map) png = encode_png(map, w, h, &bytes);
+    int status =
+        png && !prt_write_file(&d->scene->ctx, o->output, png, bytes) ? EXIT_DONE : EXIT_FAILED;
+    if (!status && o->json)
+        printf(
+            "{\"file\":\"%s\",\"mean\":%.4g,\"p95\":%.4g,\"most\":%.4g,\"noticeable\":%.4g}\n",
+            o->output, found.mean, found.p95, found.most, found.noticeable);
+    else if (!status)
+        printf("%s: CIEDE2000 mean %.2f, 95 %% below %.2f, most %.2f; %.1f %% of the pixels "
+               "differ by more than 1\n",
+               o->output, found.mean, found.p95, found.most, 100 * found.noticeable);
+    free(png);
+    free(map);
+    free(delta);
+    return status;
+}
+
+static int finish_output(struct drawing *d, int status)
+{
+    const struct options *o = d->scene->options;
+    if (d->video) {
+        int closed = video_close(d->video);
+        if (!status) status = closed;
+        if (!status) printf("%s: %u x %u\n", o->output, o->width, o->height);
+    }
+    if (!status && o->sheet) status = save(d->scene, o->output, &d->canvas);
+    if (!status && o->difference) status = save_difference(d);
+    free(d->rgb);
+    return status;
+}
+
+static int draw_rows(struct drawing *d)
+{
+    const struct options *o = d->scene->options;
+    int status = EXIT_DONE;
+    const uint32_t n = o->n_try ? o->n_try : 1;
+    for (d->attempt = 0; !status && d->attempt < n; d->attempt++) {
+        if (d->attempt) status = scene_media(d->scene, o->attempt[d->attempt]);
+        for (size_t e = 0; !status && e < o->n_env; e++) status = draw_row(d, e);
+    }
+    return status;
+}
+
 int draw_all(struct scene *scene)
 {
     const struct options *o = scene->options;
@@ -230,13 +319,13 @@ int draw_all(struct scene *scene)
     d.camera.automatic = false;
     d.plane = prt_alloc(scene->mesh.n_vertex, 4 * 12);
     if (!d.plane) status = EXIT_FAILED;
-    if (!status && o->sheet) status = make_canvas(&d);
-    for (size_t e = 0; !status && e < o->n_env; e++) status = draw_row(&d, e);
-    if (!status && o->sheet) status = save(scene, o->output, &d.canvas);
+    if (!status) status = prepare_output(&d);
+    if (!status) status = draw_rows(&d);
+    status = finish_output(&d, status);
     drop_specular(&d);
     prt_cube_finish(&d.background);
     if (d.visibility) prt_visibility_destroy(d.visibility);
-    prt_free(d.canvas.rgb);
+    prt_image_finish(&d.canvas);
     prt_free(d.plane);
     return status;
 }

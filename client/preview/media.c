@@ -37,20 +37,18 @@ static int read_own(struct scene *scene, struct prt_media **out)
 }
 
 // Reads --material into material[] and entry[], and as texts for the daemon.
-static int read_given(struct scene *scene, struct prt_material *material,
-                      struct prt_media_entry *entry)
+static int read_given(struct scene *scene, unsigned n_given, const char *const *given,
+                      struct prt_material *material, struct prt_media_entry *entry)
 {
-    const struct options *o = scene->options;
-    for (unsigned i = 0; i < o->n_material; i++) {
-        const size_t n = prt_media_name_length(o->material[i]);
-        int status =
-            prt_material_load(&scene->ctx, o->material[i] + (n ? n + 1 : 0), &material[i]);
+    for (unsigned i = 0; i < n_given; i++) {
+        const size_t n = prt_media_name_length(given[i]);
+        int status = prt_material_load(&scene->ctx, given[i] + (n ? n + 1 : 0), &material[i]);
         if (status) return status == PRT_ARG ? EXIT_USAGE : EXIT_FAILED;
         scene->text[i] = malloc(PRT_MATERIAL_TEXT);
         if (!scene->text[i]) return fail("not enough memory for the media");
         prt_material_print(&material[i], scene->text[i], PRT_MATERIAL_TEXT);
         snprintf(scene->object[i], sizeof scene->object[i], "%.*s", n < 127 ? (int)n : 127,
-                 o->material[i]);
+                 given[i]);
         entry[i] = (struct prt_media_entry){scene->object[i], &material[i]};
         if (n)
             scene->given[scene->shade.n_material++] =
@@ -61,8 +59,13 @@ static int read_given(struct scene *scene, struct prt_material *material,
     return EXIT_DONE;
 }
 
-int scene_media(struct scene *scene)
+int scene_media(struct scene *scene, const char *more)
 {
+    const char *given[PRT_MEDIA_MAX + 1];
+    unsigned n_given = scene->options->n_material;
+    memcpy(given, scene->options->material, n_given * sizeof *given);
+    if (more) given[n_given++] = more;
+    scene_media_finish(scene);
     struct prt_media *own = NULL;
     struct prt_material *material = prt_alloc(PRT_MEDIA_MAX, sizeof *material);
     struct prt_media_entry entry[PRT_MEDIA_MAX];
@@ -71,9 +74,9 @@ int scene_media(struct scene *scene)
         return fail("the daemon names no materials of the model");
     }
     int status = material ? read_own(scene, &own) : fail("not enough memory for the media");
-    if (!status) status = read_given(scene, material, entry);
-    if (!status && prt_media_edit(&scene->ctx, &scene->mesh, own, scene->options->n_material,
-                                  entry, &scene->media))
+    if (!status) status = read_given(scene, n_given, given, material, entry);
+    if (!status &&
+        prt_media_edit(&scene->ctx, &scene->mesh, own, n_given, entry, &scene->media))
         status = EXIT_USAGE;
     for (uint32_t i = 0; !status && i < scene->media->n; i++)
         for (int c = 0; c < 3; c++) scene->anisotropic |= scene->media->medium[i].g[c] != 0;
@@ -85,5 +88,9 @@ int scene_media(struct scene *scene)
 void scene_media_finish(struct scene *scene)
 {
     prt_free(scene->media);
-    for (unsigned i = 0; i < scene->options->n_material; i++) free(scene->text[i]);
+    for (unsigned i = 0; i < PRT_MEDIA_MAX; i++) free(scene->text[i]);
+    scene->media = NULL;
+    memset(scene->text, 0, sizeof scene->text);
+    scene->shade = (struct relight_shade){0};
+    scene->anisotropic = false;
 }

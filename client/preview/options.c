@@ -2,6 +2,8 @@
 // The command line of relight-preview.
 #include "preview.h"
 
+#include "video.h"
+
 #include <argp.h>
 #include <errno.h>
 #include <math.h>
@@ -11,7 +13,7 @@
 
 const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
-enum { KEY_NO_TEXTURES = 256 };
+enum { KEY_NO_TEXTURES = 256, KEY_TRY, KEY_DIFFERENCE, KEY_FPS };
 static const struct argp_option table[] = {
     {"server", 's', "ADDR", 0,
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH (default as for relight)", 0},
@@ -25,11 +27,20 @@ static const struct argp_option table[] = {
     {"turn", 't', "camera|light", 0, "turn the camera (default) or the light", 0},
     {"sheet", 'S', NULL, 0,
      "all pictures in one file: a row for each --env, a column for each "
-     "frame",
+     "frame or --try",
      0},
+    {"try", KEY_TRY, "[OBJECT=]NAME|FILE", 0,
+     "a column with this material; may repeat, in place of --frames", 0},
+    {"difference", KEY_DIFFERENCE, NULL, 0,
+     "of two pictures (two --env or two --try) the map of CIEDE2000, black 0 to white 10, as "
+     ".png, and its numbers",
+     0},
+    {"fps", KEY_FPS, "RATE", 0, "frames a second of a film (default 25)", 0},
     {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},
     {"output", 'o', "FILE", 0,
-     "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME", 0},
+     "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME. A film ends in .mp4 "
+     "or .webm and needs ffmpeg",
+     0},
     {"material", 'm', "[OBJECT=]NAME|FILE", 0,
      "another material (joint transport), of this glTF material or node or of all others; may "
      "repeat",
@@ -162,6 +173,29 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
+static void check_output(struct argp_state *state, const struct options *o)
+{
+    char endings[100];
+    const bool film = o->output && video_is_name(o->output);
+    const struct prt_picture_format *format = o->output ? prt_picture_format(o->output) : NULL;
+    if (!film && !format)
+        argp_error(state, "-o FILE has to end in %s, .mp4 or .webm",
+                   prt_picture_endings(endings));
+    if (o->n_try && o->n_frame > 1) argp_error(state, "--try: a column each, as --frames");
+    if (o->n_try && o->n_material == PRT_MEDIA_MAX)
+        argp_error(state, "--material: at most %d with --try", PRT_MEDIA_MAX - 1);
+    if (film && (o->sheet || o->difference))
+        argp_error(state, "%s: a film has neither --sheet nor --difference", o->output);
+    if (o->transparent && !(format && format->alpha))
+        argp_error(state, "%s has no alpha: --background transparent is for .png and .exr",
+                   o->output);
+    if (!o->difference) return;
+    if (o->sheet || o->n_env * options_columns(o) != 2)
+        argp_error(state, "--difference: of two pictures, two --env or two --try");
+    if (!strstr(o->output, ".png") || o->transparent)
+        argp_error(state, "--difference: -o FILE has to end in .png, with a background");
+}
+
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
@@ -199,6 +233,16 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--material: at most %d", PRT_MEDIA_MAX);
         o->material[o->n_material++] = arg;
         break;
+    case KEY_TRY:
+        if (o->n_try == MAX_TRY) argp_error(state, "--try: at most %d", MAX_TRY);
+        o->attempt[o->n_try++] = arg;
+        break;
+    case KEY_DIFFERENCE:
+        o->difference = true;
+        break;
+    case KEY_FPS:
+        o->fps = option_number(state, "fps", arg, 0.1, 240);
+        break;
     case 'j':
         o->json = true;
         break;
@@ -209,13 +253,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case ARGP_KEY_END:
         if (!o->model) argp_error(state, "ID is missing");
         if (!o->n_env) argp_error(state, "--env is missing");
-        char endings[100];
-        if (o->transparent && o->output && prt_picture_format(o->output) &&
-            !prt_picture_format(o->output)->alpha)
-            argp_error(state, "%s has no alpha: --background transparent is for .png and .exr",
-                       o->output);
-        if (!o->output || !prt_picture_format(o->output))
-            argp_error(state, "-o FILE has to end in %s", prt_picture_endings(endings));
+        check_output(state, o);
         break;
     default:
         return parse_picture(key, arg, state);
@@ -230,6 +268,7 @@ void options_parse(int argc, char **argv, struct options *options)
                                 .height = 600,
                                 .samples = 4,
                                 .gap = 4,
+                                .fps = 25,
                                 .quality = 90,
                                 .format = RELIGHT_COLOR_F16};
     options->camera.automatic = true;
@@ -245,7 +284,12 @@ void options_parse(int argc, char **argv, struct options *options)
         "  relight-preview bunny --env sunrise.exr -o bunny.png\n"
         "  relight-preview bunny --env sunrise.exr --frames 36 -o turn.jpg\n"
         "  relight-preview bunny --env sunrise.exr --env studio.exr --frames 6 --turn light "
-        "--sheet --size 320x240 -o sheet.png\n\n"
+        "--sheet --size 320x240 -o sheet.png\n"
+        "  relight-preview bunny --env sunrise.exr --env studio.exr --try marble --try jade.json "
+        "--sheet -o sheet.png\n"
+        "  relight-preview bunny --env studio.exr --try marble --try skin1 --difference -o "
+        "difference.png\n"
+        "  relight-preview bunny --env studio.exr --frames 100 --turn light -o turn.mp4\n\n"
         "Exit status: 0 done, 1 failed, 2 wrong usage, 3 server unreachable.",
         NULL,
         NULL,

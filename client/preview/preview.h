@@ -8,16 +8,19 @@
 #include "prt/picture.h"
 #include "relight/relight.h"
 
-enum { MAX_ENV = 16 };
+enum { MAX_ENV = 16, MAX_TRY = 32 };
 
 struct options {
     const char *server, *model, *output;
     const char *material[PRT_MEDIA_MAX]; /* [OBJECT=]NAME|FILE */
-    unsigned n_material;
+    unsigned n_material, n_try;
+    const char *attempt[MAX_TRY]; /* --try: each gives a column, in place of frames */
     const char *env[MAX_ENV];
     size_t n_env;
     double rotate_deg, timeout_s;
     uint32_t n_frame, width, height, samples, gap;
+    double fps;
+    bool difference; /* of two pictures, in place of them */
     bool turn_light, sheet, json, no_specular, plain, no_textures, transparent;
     float background[3], exposure_ev;
     int quality;
@@ -57,8 +60,9 @@ int scene_fetch(struct scene *scene);
 /* Textures of the fetched geometry into scene->mesh, checked; texels are fetched. */
 int scene_textures(struct scene *scene);
 void scene_textures_finish(struct scene *scene);
-/* Media of the fetched geometry, and options->material. */
-int scene_media(struct scene *scene);
+/* Media of the fetched geometry with options->material and, unless it is NULL, `more` of the
+ * same form; those of an earlier call are dropped. */
+int scene_media(struct scene *scene, const char *more);
 void scene_media_finish(struct scene *scene);
 void scene_finish(struct scene *scene);
 
@@ -74,6 +78,12 @@ struct colors_pending {
 int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
                        const float eye[3], struct colors_pending *pending);
 int scene_colors_end(struct scene *scene, struct colors_pending *pending, float *plane);
+
+/* Columns of a sheet: frames, or --try. */
+static inline uint32_t options_columns(const struct options *o)
+{
+    return o->n_try ? o->n_try : o->n_frame;
+}
 
 /* Draws every frame and writes the files. */
 int draw_all(struct scene *scene);

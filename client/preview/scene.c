@@ -115,7 +115,7 @@ int scene_fetch(struct scene *scene)
     if (relight_geometry_textured(scene->client, o->model, false, &scene->geometry, &error))
         return report(&error);
     int status = make_mesh(scene);
-    if (!status) status = scene_media(scene);
+    if (!status) status = scene_media(scene, o->n_try ? o->attempt[0] : NULL);
     if (!status) status = find_camera(scene);
     for (size_t i = 0; !status && i < o->n_env; i++)
         status = find_sky(scene, o->env[i], scene->sky + i);

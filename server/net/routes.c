@@ -7,6 +7,7 @@
 #include "net/page_files.h"
 #include "relight.pb-c.h"
 
+#include <cjson/cJSON.h>
 #include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -145,6 +146,32 @@ static int set_image_format(ProtobufCMessage *message, const char *path, const c
     return message_set(message, path, strcasecmp(text, "jpg") ? text : "jpeg", error);
 }
 
+// "material.OBJECT=TEXT", any number of them, as entries of `field`, a list of ObjectMaterial
+// in the message itself or in `part` of it.
+static bool set_materials(struct exchange *x, const char *part, const char *field,
+                          struct http_problem *problem)
+{
+    static const char prefix[] = "material.";
+    const size_t skip = sizeof prefix - 1;
+    char error[MESSAGE_TEXT_ERROR];
+    bool good = true;
+    for (unsigned i = 0; good && i < x->head.n_parameter; i++) {
+        struct http_parameter *p = &x->head.parameter[i];
+        if (strncmp(p->name, prefix, skip) != 0) continue;
+        p->used = true;
+        cJSON *root = cJSON_CreateObject();
+        cJSON *holder = part ? cJSON_AddObjectToObject(root, part) : root;
+        cJSON *entry = cJSON_CreateObject();
+        cJSON_AddItemToArray(cJSON_AddArrayToObject(holder, field), entry);
+        cJSON_AddStringToObject(entry, "object", p->name + skip);
+        cJSON_AddStringToObject(entry, "material", p->value);
+        if (message_from_json(x->message, root, error))
+            good = refuse_parameter(problem, p->name, error);
+        cJSON_Delete(root);
+    }
+    return good;
+}
+
 // ---- operations
 
 static const struct field shade_fields[] = {
@@ -176,6 +203,8 @@ static const struct field load_fields[] = {
     {"size_mm", "size_mm", NULL},
     {"mm_per_unit", "mm_per_unit", NULL},
     {"material", "material", NULL},
+    {"variant", "variant", NULL},
+    {"up_z", "up_z", NULL},
     {"preview", "preview", NULL},
     {"no_draft", "no_draft", NULL},
     {"pin", "pin", NULL},
@@ -220,6 +249,7 @@ static bool prepare_image(struct exchange *x, struct http_problem *problem)
     if (!one_light(x, problem) ||
         !new_message(x, &relight__image_request__descriptor, problem) ||
         !set_fields(x, shade_fields, N(shade_fields), problem) ||
+        !set_materials(x, "shade", "materials", problem) ||
         !set_fields(x, picture_fields, N(picture_fields), problem))
         return false;
     // image.png: the ending says the format.
@@ -240,7 +270,8 @@ static bool prepare_colors(struct exchange *x, struct http_problem *problem)
     if (!format) format = x->ending[0] ? x->ending : "f32";
     if (!one_light(x, problem) ||
         !new_message(x, &relight__colors_request__descriptor, problem) ||
-        !set_fields(x, shade_fields, N(shade_fields), problem))
+        !set_fields(x, shade_fields, N(shade_fields), problem) ||
+        !set_materials(x, "shade", "materials", problem))
         return false;
     x->format = -1;
     for (int i = 0; i < COLORS_N_FORMAT; i++)
@@ -284,7 +315,8 @@ static bool prepare_load(struct exchange *x, struct http_problem *problem)
         return refuse_parameter(problem, "name",
                                 "the file's name is needed, with its ending: name=bunny.glb");
     if (file) snprintf(x->file_name, sizeof x->file_name, "%s", name);
-    return set_fields(x, load_fields, N(load_fields), problem);
+    return set_fields(x, load_fields, N(load_fields), problem) &&
+           set_materials(x, NULL, "materials", problem);
 }
 
 static void add_model_file(struct exchange *x)

@@ -2,6 +2,8 @@
 // What a room accepts at all: finite numbers, bounded texts and lists, no unknown fields.
 #include "rooms/state.h"
 
+#include "prt/medium.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -91,9 +93,13 @@ int room_scene_check(const Relight__Scene *scene, char error[ROOM_ERROR])
     if (scene->shade && *scene->shade->material)
         return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                            "shade.material: the material is a field of the scene");
-    if (scene->shade && scene->shade->n_materials)
-        return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
-                           "shade.materials: a scene has one material for all objects");
+    if (scene->shade && scene->shade->n_materials > PRT_MEDIA_MAX)
+        return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_LIMIT,
+                           "shade.materials: at most 64 media by object");
+    for (size_t i = 0; scene->shade && i < scene->shade->n_materials; i++)
+        if (!*scene->shade->materials[i]->object || !*scene->shade->materials[i]->material)
+            return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                               "shade.materials: object or material is missing");
     if (scene->picture && scene->picture->camera)
         return scene_fault(error, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                            "picture.camera: the camera is a field of the scene");

@@ -19,6 +19,7 @@ import assert from "node:assert/strict";
 import { replicaScenarios } from "./replicas.mjs";
 import { reviewScenarios } from "./review.mjs";
 import { roomScenarios } from "./rooms.mjs";
+import { noteFrames, SlowLink } from "./slow-link.mjs";
 import { toy } from "./toy.mjs";
 
 const [bin, web, shots] = process.argv.slice(2);
@@ -75,7 +76,11 @@ function bake() {
   for (const [name, file, extra] of [
     ["marble", "bumps.obj", ["--material", "marble"]],
     ["open", "bumps.obj", []],
-    ["toy", "toy.glb", ["--material", "Left=marble", "--material", "skin1"]],
+    [
+      "toy",
+      "toy.glb",
+      ["--transport", "joint", "--material", "Left=skin2", "--material", "skin1"],
+    ],
     ["shorter", "shorter.obj", ["--material", "wholemilk"]],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
@@ -194,16 +199,9 @@ const coefficients = async (page) => {
   );
   await settled(page);
 };
-// The newest state was drawn: the view waits for no frame, the lamps are applied, the GPU is idle.
+// The newest state was drawn in full: no frame and no map is awaited, the GPU is idle.
 async function settled(page) {
-  await page.waitForFunction(
-    () => {
-      const v = globalThis.relightViewer;
-      return v.view && !v.view.waits && !v.view.next && v.lit && (!v.stage || v.stage.idle);
-    },
-    null,
-    PATIENCE,
-  );
+  await page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
   await page.waitForTimeout(100);
 }
 const linear = (page, width = 160, height = 120) =>
@@ -295,7 +293,6 @@ const scenarios = {
       const page = await open(`${home}/#model=${model}&light=page:window@40,0${more}`);
       await mode(page, "mesh");
       await coefficients(page);
-      await page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
       const { rmse, pixels } = await againstDaemon(page);
       console.log(
         `  ${model}${more} against the daemon's picture: ` +
@@ -403,6 +400,29 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "one object's medium is edited, in the link, and undone"(home) {
+    const page = await open(`${home}/#model=toy.prt&material.Left=cream`);
+    await mode(page, "mesh");
+    await coefficients(page);
+    const before = await linear(page);
+    await page.getByRole("tab", { name: "Material" }).click();
+    await page.getByRole("radio", { name: "Right" }).click();
+    await page.getByRole("radio", { name: "Ketchup" }).click();
+    await settled(page);
+    assert.ok(difference(before, await linear(page)) > 0.05);
+    assert.match(page.url(), /material\.Left=cream&material\.Right=ketchup/);
+    const { rmse } = await againstDaemon(page);
+    console.log(
+      `  one object edited, against the daemon's picture: ${(100 * rmse).toFixed(2)} %`,
+    );
+    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+    await shot(page, "material-object");
+    await page.keyboard.press("Control+z");
+    await settled(page);
+    assert.ok(difference(before, await linear(page)) < 1e-3);
+    await page.context().close();
+  },
+
   async "two states are compared: a wipe, side by side, a map of ΔE"(home) {
     const page = await open(`${home}/#model=open.prt`);
     await mode(page, "mesh");
@@ -474,6 +494,64 @@ const scenarios = {
     await page.getByRole("button", { name: "End" }).click();
     await page.waitForFunction(() => document.querySelectorAll(".pane").length === 1);
     await page.context().close();
+  },
+
+  async "on a slow link states overlap, and coarse frames end in the exact one"(home, port) {
+    const link = new SlowLink(port, 625_000, 40);
+    const near = `http://127.0.0.1:${await link.listen()}`;
+    const state = "#model=toy.prt&light=page:window@0,0";
+    const page = await open(near + "/" + state);
+    await mode(page, "mesh");
+    await coefficients(page);
+    await noteFrames(page);
+    // Until `enough` holds of the frames, or the hand has moved for a minute.
+    const dragUntil = async (enough) => {
+      const seen = await page.evaluate(() => globalThis.frames.length);
+      await page.keyboard.down("Shift");
+      await page.mouse.move(150, 150);
+      await page.mouse.down();
+      let frames = [];
+      for (let i = 0; i < 1500 && !enough(frames); i++) {
+        await page.mouse.move(150 + (i % 120), 150);
+        frames = await page.evaluate((n) => globalThis.frames.slice(n), seen);
+      }
+      await page.mouse.up();
+      await page.keyboard.up("Shift");
+      return frames;
+    };
+    const say = (what, frames) => {
+      const s = Math.max(1, frames.at(-1).atMs - frames[0].atMs) / 1000;
+      const delays = frames.map(({ delayMs }) => delayMs).sort((a, b) => a - b);
+      console.log(
+        `  ${what}: ${(frames.length / s).toFixed(1)} frames/s of ` +
+          `${(frames.at(-1).bytes / 1000).toFixed(1)} kB, delay ` +
+          `${delays[delays.length >> 1].toFixed(0)} ms (median), outstanding at most ` +
+          `${Math.max(...frames.map(({ waits }) => waits))}`,
+      );
+    };
+    const wide = await dragUntil((frames) => frames.length >= 40);
+    say("5 Mbit/s, 80 ms", wide);
+    const most = Math.max(...wide.map(({ waits }) => waits));
+    assert.ok(most >= 2 && most <= 4, `${most} states outstanding`);
+    // So thin that a whole frame takes 300 ms: those of the moving hand have fewer rows.
+    const whole = Math.max(...wide.map(({ bytes }) => bytes));
+    link.rate = whole / 0.3;
+    const thin = await dragUntil((frames) => frames.some(({ rows }) => rows > 0));
+    say("300 ms a frame", thin);
+    const coarse = thin.find(({ rows }) => rows > 0);
+    assert.ok(coarse.rows === 16 || coarse.rows === 8, `${coarse.rows} rows`);
+    assert.ok(Math.max(...thin.map(({ waits }) => waits)) <= 4);
+    link.rate = 625_000;
+    await settled(page);
+    const last = await page.evaluate(() => globalThis.frames.at(-1));
+    assert.equal(last.rows, 0);
+    const other = await open(home + "/" + new URL(page.url()).hash);
+    await mode(other, "mesh");
+    await coefficients(other);
+    assert.ok(difference(await linear(page), await linear(other)) < 1e-3);
+    await other.context().close();
+    await page.context().close();
+    link.close();
   },
 
   async "a file is seen at once, baked, and swapped in"(home) {

@@ -6,7 +6,11 @@ loads by a map of materials are prt's.
    tests/service/media_daemon.py BIN FOLDER_OF_THE_PYTHON_PACKAGE"""
 import json
 import os
+import re
 import sys
+import urllib.error
+import urllib.parse
+import urllib.request
 
 PYTHON = os.path.abspath(sys.argv[2])
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
@@ -137,6 +141,33 @@ def previews():
     expect('did you mean wax?' in said, said)
 
 
+def ask(path, **query):
+    """Status and body of a GET of the daemon's HTTP."""
+    with open('log', encoding='utf-8') as log:
+        port = re.search(r'http:127\.0\.0\.1:(\d+)', log.read())[1]
+    url = 'http://127.0.0.1:%s%s?%s' % (port, path, urllib.parse.urlencode(query))
+    try:
+        with urllib.request.urlopen(url, timeout=120) as answer:
+            return answer.status, answer.read()
+    except urllib.error.HTTPError as refused:
+        return refused.code, refused.read()
+
+
+def web():
+    """material.OBJECT of a query is an entry of the map."""
+    relight('colors', 'open', *LIT, *material('wax=' + GREEN, 'skin1'), '-o', 'want.csv')
+    status, csv = ask('/v1/models/open/colors.csv', env='constant', rotate=30, material='skin1',
+                      **{'material.wax': GREEN})
+    with open('got.csv', 'wb') as f:
+        f.write(csv)
+    expect(status == 200, 'a query with a map: %d %s' % (status, csv[:200]))
+    same('got.csv', 'want.csv', 1e-6)
+    for name, value, text in (('material.wux', 'marble', b'did you mean wax?'), ('material.', 'marble', b'missing'),
+                              ('material.wax', '', b'missing')):
+        status, said = ask('/v1/models/open/image.png', env='constant', size='64x48', **{name: value})
+        expect(status in (400, 422) and text in said, '%s: %d %s' % (name, status, said[:300]))
+
+
 def refusals():
     for words, status, text in (
             (('wux=skin1',), 2, 'did you mean wax?'),
@@ -216,7 +247,7 @@ def serve():
         '-o', 'models/fixed.prt', '--quiet')
     prt('bake', 'candle.gltf', '--samples', '1500', '--cube', '16', '--transport', 'joint',
         *material('wax=marble', 'holder=ketchup'), '-o', 'models/open.prt', '--quiet')
-    with daemon('--models', 'models'):
+    with daemon('--models', 'models', '--http', '127.0.0.1:0'):
         relight('load', 'fixed.prt')
         relight('load', 'open.prt')
         one_bake()
@@ -225,6 +256,7 @@ def serve():
         files()
         floors()
         previews()
+        web()
         refusals()
         views()
         loads()

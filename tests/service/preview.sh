@@ -109,6 +109,31 @@ expect 0 relight-preview ball --env sky.hdr --frames 3 --size 64x48 -o turn.jpg
 expect 0 relight-preview ball --env sky.hdr --env constant --frames 4 --turn light --sheet \
     --size 64x48 --gap 2 -o sheet.png --json
 grep -q '"width":262,"height":98' out || fail "the sheet has the wrong size"
+# materials in columns, each as it is drawn alone; the difference of two pictures; films
+expect 0 relight load ball.obj --size-mm 20 --samples 4000 --cube 16 --wait --name open
+expect 0 relight-preview open --env sky.hdr --env constant --try skin1 --try ketchup --size 64x48 -o try.exr
+expect 0 relight-preview open --env sky.hdr --material ketchup --size 64x48 -o one.exr
+same try-0-001.exr one.exr 1e-6
+expect 0 relight-preview open --env sky.hdr --env constant --try skin1 --try ketchup --try cream --sheet \
+    --size 64x48 --gap 2 -o sheet.png --json
+grep -q '"width":196,"height":98' out || fail "the sheet of materials has the wrong size"
+expect 0 relight-preview open --env sky.hdr --try skin1 --try ketchup --difference --size 64x48 -o d.png --json
+grep -q '"most":[1-9]' out || fail "two media do not differ"
+expect 0 relight-preview open --env sky.hdr --try skin1 --try skin1 --difference --size 64x48 -o d.png --json
+grep -q '"most":0,' out || fail "a picture differs from itself"
+expect 2 relight-preview open --env sky.hdr --try skin1 --difference -o d.png
+expect 2 relight-preview open --env sky.hdr --try skin1 --frames 2 -o d.png
+if command -v ffprobe >/dev/null; then
+    for film in turn.mp4 turn.webm; do
+        expect 0 relight-preview ball --env sky.hdr --frames 5 --size 64x48 -o $film
+        [ "$(ffprobe -loglevel error -count_frames -show_entries stream=width,height,nb_read_frames \
+            -of csv=p=0 $film)" = 64,48,5 ] || fail "$film is no film of five frames"
+    done
+fi
+mkdir none
+PATH=$dir/none /usr/bin/timeout 100 "$bin/relight-preview" ball --env sky.hdr --size 64x48 -o no.mp4 2>err
+[ $? = 1 ] && grep -q 'ffmpeg' err || fail "a film without ffmpeg"
+expect 1 relight-preview ball --env sky.hdr --size 63x48 -o no.mp4
 expect 2 relight-preview ball --env sky.hdr --size 0x4 -o x.png
 expect 1 relight-preview ball --env nothing.hdr -o x.png
 expect 3 relight-preview -s unix:"$dir"/none ball --env sky.hdr -o x.png

@@ -31,6 +31,7 @@ struct room_act {
     Relight__Scene scene;
     Relight__Light light[3], *lights[3];
     Relight__Shade shade;
+    Relight__ObjectMaterial medium[2], *media[2];
     Relight__Camera camera;
     Relight__Vec3 eye;
     Relight__Picture picture;
@@ -56,6 +57,14 @@ static inline void act_scene(struct room_act *a, struct rnd *r)
     }
     relight__shade__init(&a->shade);
     a->shade.engine = (Relight__Engine)rnd(r, 9);
+    a->shade.n_materials = rnd(r, 3);
+    a->shade.materials = a->media;
+    for (size_t i = 0; i < 2; i++) {
+        relight__object_material__init(&a->medium[i]);
+        a->medium[i].object = i ? "wick" : "wax";
+        a->medium[i].material = "marble";
+        a->media[i] = &a->medium[i];
+    }
     a->scene.shade = &a->shade;
     relight__camera__init(&a->camera);
     relight__vec3__init(&a->eye);

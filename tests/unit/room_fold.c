@@ -410,13 +410,42 @@ static void notes_and_revisions(void **unused)
     room_state_free(t.state);
 }
 
+// A scene's map of media is kept as it is; an entry without object or medium is refused.
+static void media_by_object(void **unused)
+{
+    (void)unused;
+    for (int fault = 0; fault < 3; fault++) {
+        struct rnd r;
+        struct room_act a;
+        struct room_evt e;
+        char error[ROOM_ERROR];
+        rnd_seed(&r, 7);
+        Relight__RoomState *state = begin(&r);
+        memset(&a, 0, sizeof a);
+        relight__room_action__init(&a.action);
+        act_change(&a, &r);
+        a.change.n_parts = 1;
+        a.parts[0] = "shade";
+        a.shade.n_materials = 2;
+        if (fault == 1) a.medium[1].material = "";
+        if (fault == 2) a.medium[0].object = "";
+        evt_make(&e, &a.action, 0, RELIGHT__ROOM_ROLE__ROLE_OWNER, state->sequence + 1,
+                 state->changed_us + 1);
+        int code = room_fold(state, &e.event, error);
+        assert_int_equal(code, fault ? RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST : 0);
+        if (fault) assert_non_null(strstr(error, "shade.materials"));
+        else assert_string_equal(state->scene->shade->materials[1]->object, "wick");
+        room_state_free(state);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(replicas_agree),      cmocka_unit_test(interleavings),
         cmocka_unit_test(undo_by_person),      cmocka_unit_test(a_drag_is_one_step),
         cmocka_unit_test(conflicts_are_told),  cmocka_unit_test(roles),
-        cmocka_unit_test(notes_and_revisions),
+        cmocka_unit_test(notes_and_revisions), cmocka_unit_test(media_by_object),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -175,6 +175,7 @@ describe("the link", () => {
       { env: "constant:1,2,3", rotate: 0, tilt: 0, gain: [1, 1, 1] },
     ],
     material: '{"sigma_s_prime":[1,2,3],"sigma_a":[0.1,0.2,0.3],"g":0}',
+    materials: { Left: "skin1", "a b": '{"g":0}' },
     term: "multiple",
     exposure: -1.25,
     tone: "none",

@@ -238,6 +238,7 @@ export class RelightViewerElement extends HTMLElement {
       model: word("model"),
       lamps: [lamp],
       material: word("material"),
+      materials: {},
       term: TERMS.find((one) => one === word("term")) ?? FIRST.term,
       exposure: this.number("exposure", 0),
       tone: TONES.find((one) => one === word("tone")) ?? FIRST.tone,

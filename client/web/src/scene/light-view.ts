@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
-// A VIEW of the daemon: the newest state goes out when the frame of the one before has come, so
-// that a hand that is faster than the link costs no queue.
+// A VIEW of the daemon: the newest state goes out when the frame of one before has come, so that a
+// hand that is faster than the link costs no queue. On a long link several states are outstanding,
+// on a thin one the frames of a moving hand are coarse, and the state that rests is asked for again
+// in full.
 import {
   ViewAckSchema,
   ViewFrameSchema,
@@ -16,6 +18,7 @@ import type { ViewStateSchema } from "../gen/relight_pb";
 import type { Client } from "../protocol/client";
 import { RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
+import { LEVELS, Pace } from "./pace";
 
 export type ViewInit = MessageInitShape<typeof ViewStateSchema>;
 /** A change: fields of ViewState by name, their values, and texels of inline lights. */
@@ -30,16 +33,31 @@ export interface ViewEvents {
 }
 
 const GIVE_UP_MS = 1500; // a state whose frame does not come does not block the next for longer
+const REST_MS = 250; // a hand that has not moved for so long rests
+
+interface Sent {
+  sequence: bigint;
+  atMs: number;
+  level: number;
+  /** The hand moved: not a single change, nor the exact frame at rest. */
+  moving: boolean;
+}
 
 export class LightView {
   private readonly client: Client;
   private readonly events: ViewEvents;
   private readonly id: bigint;
   private sequence = 0n;
-  private sentAt = 0;
-  private waits = true;
+  private outstanding: Sent[] = [];
+  private making = false;
+  private pace = new Pace(1);
+  private level = 0; // of the newest state that was sent
+  private setAtMs = -Infinity;
+  private movedAtMs = -Infinity; // when a state was sent last
   private timer: ReturnType<typeof setTimeout> | undefined;
-  private next: (() => Promise<ViewChange>) | null = null;
+  private resting: ReturnType<typeof setTimeout> | undefined;
+  private next: ((level: number) => Promise<ViewChange>) | null = null;
+  private last: ((level: number) => Promise<ViewChange>) | null = null;
   private closed = false;
 
   constructor(
@@ -52,7 +70,7 @@ export class LightView {
   ) {
     this.client = client;
     this.events = events;
-    this.sentAt = performance.now();
+    this.outstanding = [{ sequence: 0n, atMs: performance.now(), level: 0, moving: false }];
     this.id = client.stream(
       Type.ViewOpen,
       ViewOpenRequestSchema,
@@ -67,68 +85,133 @@ export class LightView {
     this.watch();
   }
 
+  /** Whether the frames that follow have levels (LEVELS): coefficients and pictures have. */
+  useLevels(on: boolean): void {
+    this.pace = new Pace(on ? LEVELS.length : 1);
+  }
+
+  /** States whose frame has not come, the one that is being made included. */
+  get waits(): number {
+    return this.outstanding.length + (this.making ? 1 : 0);
+  }
+  /** Of LEVELS, of the newest state. */
+  get sentLevel(): number {
+    return this.level;
+  }
+  /** How the pace is now, for displays and tests. */
+  get pacing(): { outstanding: number; level: number } {
+    return { outstanding: this.pace.outstanding, level: this.pace.level };
+  }
+
   private watch(): void {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => {
-      this.waits = false;
+      for (const { moving, level } of this.outstanding)
+        if (moving) this.pace.answered(GIVE_UP_MS, level);
+      this.outstanding = [];
       this.send();
     }, GIVE_UP_MS);
   }
 
-  /** Replaces the change that waits. It is made when it is sent: `make` says what differs then. */
-  set(make: () => Promise<ViewChange>): void {
-    this.next = make;
-    if (!this.waits) this.send();
+  /** Replaces the change that waits. It is made when it is sent: `make` says what differs then,
+   * for frames of a level. */
+  set(make: (level: number) => Promise<ViewChange>): void {
+    this.next = this.last = make;
+    this.setAtMs = performance.now();
+    this.send();
   }
 
-  /** Whether no frame is awaited and no change waits. */
+  /** Whether no frame is awaited, no change waits, and the newest state was drawn in full. */
   get idle(): boolean {
-    return !this.waits && !this.next;
+    return !this.waits && !this.next && !this.level;
   }
 
   private send(): void {
+    if (this.making || this.outstanding.length >= this.pace.outstanding) return;
     const make = this.next;
     if (!make || this.closed) return;
+    const now = performance.now();
+    const moving = this.outstanding.length > 0 || now - this.movedAtMs < REST_MS;
+    if (!moving) this.pace.began();
+    this.movedAtMs = now;
     this.next = null;
-    this.waits = true;
-    this.watch();
-    make()
+    this.put(make, moving ? this.pace.level : 0, moving);
+  }
+
+  private put(
+    make: (level: number) => Promise<ViewChange>,
+    level: number,
+    moving: boolean,
+  ): void {
+    this.making = true;
+    this.level = level;
+    make(level)
       .then((change) => {
-        this.sentAt = performance.now();
+        this.making = false;
+        if (this.closed) return;
         this.sequence++;
-        return this.client.request(
-          Type.ViewSet,
-          ViewSetRequestSchema,
-          {
-            view: this.id,
-            sequence: this.sequence,
-            state: { ...change.state, fields: change.fields },
-          },
-          ViewSetAnswerSchema,
-          change.payload,
-        );
+        const { sequence } = this;
+        this.outstanding.push({ sequence, atMs: performance.now(), level, moving });
+        this.watch();
+        this.client
+          .request(
+            Type.ViewSet,
+            ViewSetRequestSchema,
+            {
+              view: this.id,
+              sequence,
+              state: { ...change.state, fields: change.fields },
+            },
+            ViewSetAnswerSchema,
+            change.payload,
+          )
+          .catch((error: unknown) => {
+            this.outstanding = this.outstanding.filter((one) => one.sequence !== sequence);
+            this.failed(error);
+          });
+        this.send();
       })
       .catch((error: unknown) => {
-        this.waits = false;
-        if (!this.closed) this.events.error(error as Error);
-        this.send();
+        this.making = false;
+        this.failed(error);
       });
+  }
+  private failed(error: unknown): void {
+    if (this.closed) return;
+    this.events.error(error as Error);
+    this.send();
   }
 
   private received(frame: ViewFrame, payload: Uint8Array): void {
     if (this.closed || (!frame.colors && !frame.image && !frame.error && !frame.equal)) return;
     this.client.notify(Type.ViewAck, ViewAckSchema, { view: this.id, shown: frame.frame });
+    const now = performance.now();
+    const own = this.outstanding.find(({ sequence }) => sequence === frame.sequence);
+    const delayMs = now - (own?.atMs ?? this.outstanding[0]?.atMs ?? now);
+    if (own?.moving) this.pace.answered(delayMs, own.level);
     if (frame.error) this.events.error(new RelightError(frame.error));
-    else this.events.frame(frame, payload, performance.now() - this.sentAt);
-    if (frame.sequence < this.sequence) return;
-    clearTimeout(this.timer);
-    this.waits = false;
+    else this.events.frame(frame, payload, delayMs);
+    this.outstanding = this.outstanding.filter(({ sequence }) => sequence > frame.sequence);
+    if (!this.outstanding.length) clearTimeout(this.timer);
     this.send();
+    this.rest();
+  }
+
+  // The state that rests is asked for in full.
+  private rest(): void {
+    clearTimeout(this.resting);
+    if (!this.level || this.closed) return;
+    const wait = Math.max(0, this.setAtMs + REST_MS - performance.now());
+    this.resting = setTimeout(() => {
+      if (this.waits || this.next || performance.now() < this.setAtMs + REST_MS) this.rest();
+      else if (this.last) this.put(this.last, 0, false);
+    }, wait + 10);
   }
 
   close(): void {
     this.closed = true;
     clearTimeout(this.timer);
+    clearTimeout(this.resting);
     this.client
       .request(Type.ViewClose, ViewCloseRequestSchema, { view: this.id }, ViewCloseAnswerSchema)
       .catch(() => undefined);

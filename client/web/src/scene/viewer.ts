@@ -33,6 +33,7 @@ import { TONES, type SceneState } from "../state/scene-state";
 import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera";
 import type { Mesh } from "./geometry";
 import { LightView, type ViewChange, type ViewInit } from "./light-view";
+import { LEVELS, MOST_OUTSTANDING } from "./pace";
 import { lampsOf, lightMessages, onlyTurned } from "./lights";
 import type { Factors } from "./factors";
 import { fetchImages, fetchMesh, type MeshSource } from "./mesh-source";
@@ -107,6 +108,7 @@ export class Viewer {
   private status: Status = NO_STATUS;
   private pictureFrame = 0n;
   private sentFormat = ColorFormat.COLOR_RGB9E5;
+  private sentRank = 0; // rows of coefficients; 0: all
   private outgoing: Outgoing[] = []; // of coefficients, and of colours in parts
   private readonly noWebGL: boolean;
 
@@ -148,9 +150,10 @@ export class Viewer {
     const changed =
       !same(old?.lamps, state.lamps) ||
       old?.material !== state.material ||
+      !same(old.materials, state.materials) ||
       old.term !== state.term ||
       (pictures && !same(old, state));
-    if (changed && this.view) this.view.set(() => this.change());
+    if (changed) this.changed();
   }
 
   private applyLook(state: SceneState): void {
@@ -306,7 +309,7 @@ export class Viewer {
       if (!current()) return;
       const { Factors } = await import("./factors");
       this.factors = new Factors(message, payload);
-      this.view?.set(() => this.change());
+      this.changed();
     } catch (error) {
       if (!(error instanceof RelightError)) this.events.fault(error as Error);
     }
@@ -316,7 +319,7 @@ export class Viewer {
   coefficients = true;
   useCoefficients(on: boolean): void {
     this.coefficients = on;
-    this.view?.set(() => this.change());
+    this.changed();
   }
 
   private format(state: SceneState): ColorFormat {
@@ -327,8 +330,12 @@ export class Viewer {
   }
 
   private scattersEvenly(state: SceneState): boolean {
-    const medium = parseMedium(state.material || this.info?.material || "{}");
-    return !medium || medium.g.every((g) => g === 0);
+    const own = this.info?.media.length ? this.info.media : [this.info?.material ?? "{}"];
+    const all = [
+      ...(state.material ? [state.material] : own),
+      ...Object.values(state.materials),
+    ];
+    return all.every((text) => parseMedium(text)?.g.every((g) => g === 0) ?? true);
   }
 
   private async openView(
@@ -343,11 +350,17 @@ export class Viewer {
     const first: ViewInit = {
       lights,
       shade: this.shade(state),
-      options: { colorFormat: this.format(state), phases: true, window: 2, maxFps: 60 },
+      options: {
+        colorFormat: this.format(state),
+        phases: true,
+        window: MOST_OUTSTANDING,
+        maxFps: 60,
+      },
       ...(colors ? {} : { picture: this.picture(state) }),
     };
     this.sent = state;
     this.sentFormat = this.format(state);
+    this.sentRank = 0;
     const why = colors
       ? ""
       : this.noWebGL
@@ -359,6 +372,8 @@ export class Viewer {
       frame: (frame, bytes, latency) => this.received(frame, bytes, latency, colors, why),
       error: (error) => this.events.fault(error),
     });
+    const levels = !colors || this.sentFormat === ColorFormat.COLOR_COEFFICIENTS;
+    this.view.useLevels(levels);
     this.update(state);
   }
 
@@ -371,13 +386,21 @@ export class Viewer {
   // ---- what the daemon computes
 
   private shade(state: SceneState) {
-    return { term: termOf(state), material: state.material };
+    const materials = Object.entries(state.materials).map(([object, material]) => ({
+      object,
+      material,
+    }));
+    return { term: termOf(state), material: state.material, materials };
   }
 
-  private picture(state: SceneState, size?: { width: number; height: number }) {
+  private picture(
+    state: SceneState,
+    size?: { width: number; height: number },
+    share = 1, // of the screen's resolution
+  ) {
     const placed = this.placed(state);
     const shown = this.stage && !this.noWebGL ? this.canvas : this.pictureCanvas;
-    const ratio = Math.min(globalThis.devicePixelRatio || 1, 1.5);
+    const ratio = share * Math.min(globalThis.devicePixelRatio || 1, 1.5);
     return {
       width: size?.width ?? Math.max(16, Math.min(1600, Math.round(shown.clientWidth * ratio))),
       height:
@@ -397,8 +420,12 @@ export class Viewer {
     };
   }
 
+  private changed(): void {
+    this.view?.set((level) => this.change(level));
+  }
+
   // What differs between the state and the view, in as few bytes as it takes.
-  private async change(): Promise<ViewChange> {
+  private async change(level: number): Promise<ViewChange> {
     const { state, sent } = this;
     if (!state || !sent) return { state: {}, fields: ["shade.term"] };
     const fields: string[] = [];
@@ -418,12 +445,16 @@ export class Viewer {
         fields.push("lights");
       }
     }
-    if (sent.material !== state.material || sent.term !== state.term) {
+    if (
+      sent.material !== state.material ||
+      !same(sent.materials, state.materials) ||
+      sent.term !== state.term
+    ) {
       out.shade = this.shade(state);
-      fields.push("shade.material", "shade.term");
+      fields.push("shade.material", "shade.materials", "shade.term");
     }
     if (this.status.mode === "pictures") {
-      out.picture = this.picture(state);
+      out.picture = this.picture(state, undefined, LEVELS[level]?.side);
       fields.push("picture");
     }
     const format = this.format(state);
@@ -431,6 +462,13 @@ export class Viewer {
       out.options = { colorFormat: format };
       fields.push("options.color_format");
       this.sentFormat = format;
+      this.view?.useLevels(format === ColorFormat.COLOR_COEFFICIENTS);
+    }
+    const rank = format === ColorFormat.COLOR_COEFFICIENTS ? (LEVELS[level]?.rank ?? 0) : 0;
+    if (this.status.mode !== "pictures" && rank !== this.sentRank) {
+      out.options = { ...out.options, mostRank: rank };
+      fields.push("options.most_rank");
+      this.sentRank = rank;
     }
     this.sent = state;
     if (!fields.length) fields.push("shade.term"); // as it is: the daemon answers with a frame
@@ -595,7 +633,7 @@ export class Viewer {
       Math.max(1, Math.round(this.canvas.clientHeight * ratio)),
     );
     if (this.state) this.applyCamera(this.state);
-    if (this.status.mode === "pictures") this.view?.set(() => this.change());
+    if (this.status.mode === "pictures") this.changed();
   }
 
   close(): void {

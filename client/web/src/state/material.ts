@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Materials as the daemon takes them: presets by name and JSON; lengths in mm (PROTOCOL, COLORS).
 import { PRESETS } from "../gen/presets";
+import type { ModelInfo } from "../gen/relight_pb";
 
 type Rgb = [number, number, number];
 /** A dipole medium; mm⁻¹. */
@@ -121,4 +122,25 @@ export function meanTransmittance(eta: number): number {
     sum += 2 * c * (1 - (rs * rs + rp * rp) / 2);
   }
   return sum / n;
+}
+
+/** An object with a name that a map of media takes. */
+export interface MediaObject {
+  name: string;
+  /** Into ModelInfo.media. */
+  medium: number;
+}
+type Blocks = Pick<ModelInfo, "blocks"> | null;
+/** glTF materials where they tell the translucent objects apart, else nodes; none for one object. */
+export function mediaObjects(info: Blocks): MediaObject[] {
+  const blocks = (info?.blocks ?? []).filter(({ translucent }) => translucent);
+  const by = (key: "surface" | "node") => {
+    const found = new Map<string, number>();
+    for (const block of blocks)
+      if (block[key] && !found.has(block[key])) found.set(block[key], block.medium);
+    return [...found].map(([name, medium]) => ({ name, medium }));
+  };
+  const bySurface = by("surface");
+  const found = bySurface.length > 1 ? bySurface : by("node");
+  return found.length > 1 ? found : [];
 }

@@ -35,8 +35,10 @@ export interface SceneState {
   /** Id or name; empty: none is chosen. */
   model: string;
   lamps: LampState[];
-  /** Preset or JSON; empty: the model's own. */
+  /** Preset or JSON; empty: the model's own. Of the objects that `materials` does not name. */
   material: string;
+  /** Presets or JSON by object, a glTF material or node. */
+  materials: Readonly<Record<string, string>>;
   term: Term;
   /** EV. */
   exposure: number;
@@ -56,6 +58,7 @@ export const FIRST: SceneState = {
   model: "",
   lamps: [FIRST_LAMP],
   material: "",
+  materials: {},
   term: "total",
   exposure: 0,
   tone: "filmic",

@@ -51,6 +51,15 @@ function lampFrom(text: string): LampState | null {
   return { env, rotate, tilt: Math.min(90, Math.max(-90, tilt)), gain };
 }
 
+// material.OBJECT, as in the daemon's HTTP queries.
+const MATERIAL_OF = "material.";
+function materialsFrom(words: URLSearchParams): Record<string, string> {
+  const entries = [...words]
+    .filter(([name, text]) => name.startsWith(MATERIAL_OF) && text)
+    .map(([name, text]) => [name.slice(MATERIAL_OF.length, 130), text.slice(0, 8000)] as const);
+  return Object.fromEntries(entries.filter(([object]) => object).slice(0, 64));
+}
+
 // MODE@AT, and the other state as a fragment of its own
 function comparisonFrom(mode: string | null, other: string | null): Comparison | null {
   const [word = "", at = ""] = (mode ?? "").split("@");
@@ -68,6 +77,8 @@ export function toFragment(scene: SceneState): string {
   if (scene.model) out.set("model", scene.model);
   for (const lamp of scene.lamps) out.append("light", lampText(lamp));
   if (scene.material) out.set("material", scene.material);
+  for (const [object, text] of Object.entries(scene.materials))
+    out.set(MATERIAL_OF + object, text);
   if (scene.term !== FIRST.term) out.set("term", scene.term);
   if (scene.exposure) out.set("ev", String(round(scene.exposure)));
   if (scene.tone !== FIRST.tone) out.set("tone", scene.tone);
@@ -100,6 +111,7 @@ export function fromFragment(fragment: string): SceneState {
     model: (words.get("model") ?? "").slice(0, 300),
     lamps: lamps.length ? lamps : [FIRST_LAMP],
     material: (words.get("material") ?? "").slice(0, 8000),
+    materials: materialsFrom(words),
     term: word(words.get("term"), TERMS, FIRST.term),
     exposure: number(words.get("ev"), 0, -16, 16),
     tone: word(words.get("tone"), TONES, FIRST.tone),

@@ -3,7 +3,21 @@
 import { useSignal } from "@preact/signals";
 import { fromColor, mediumText, PRESET_NAMES, toColor, type Medium } from "../state/material";
 import { Choice, Section, Slider } from "./controls";
-import { change, commit, info, materialIsOpen, medium, notice, scene, set } from "./store";
+import {
+  change,
+  commit,
+  editedObject,
+  editObject,
+  info,
+  materialIsOpen,
+  medium,
+  mediumTextShown,
+  notice,
+  objects,
+  scene,
+  set,
+  withMedium,
+} from "./store";
 
 type Rgb = [number, number, number];
 const CHANNELS = ["red", "green", "blue"] as const;
@@ -55,7 +69,7 @@ function Triple(props: {
 function Numbers({ medium: m }: { medium: Medium }) {
   const by = useSignal<"coefficients" | "colour">("colour");
   const put = (part: Partial<Medium>) =>
-    change({ material: mediumText({ ...m, ...part, name: "" }) });
+    change(withMedium(mediumText({ ...m, ...part, name: "" })));
   const { color, freePath } = toColor(m);
   return (
     <>
@@ -77,7 +91,7 @@ function Numbers({ medium: m }: { medium: Medium }) {
             value={color}
             min={0.01}
             max={0.99}
-            onInput={(c) => change({ material: mediumText(fromColor(c, freePath, m)) })}
+            onInput={(c) => change(withMedium(mediumText(fromColor(c, freePath, m))))}
           />
           <Triple
             label="Mean free path"
@@ -87,7 +101,7 @@ function Numbers({ medium: m }: { medium: Medium }) {
             min={0.02}
             max={20}
             log
-            onInput={(p) => change({ material: mediumText(fromColor(color, p, m)) })}
+            onInput={(p) => change(withMedium(mediumText(fromColor(color, p, m))))}
           />
         </>
       ) : (
@@ -134,10 +148,39 @@ function Numbers({ medium: m }: { medium: Medium }) {
   );
 }
 
+// Which object's medium is edited, where there are several; a dot marks those with one of their own.
+function Objects() {
+  if (!objects.value.length) return null;
+  const { materials } = scene.value;
+  const others = Object.keys(materials).length ? "Others" : "All";
+  const choices = [
+    { name: "", label: others },
+    ...objects.value.map(({ name }) => ({ name, label: materials[name] ? `${name} •` : name })),
+  ];
+  return (
+    <div class="chips" role="radiogroup" aria-label="Object">
+      {choices.map(({ name, label }) => (
+        <button
+          key={name}
+          type="button"
+          role="radio"
+          aria-checked={editedObject.value === name}
+          onClick={() => editObject(name)}
+        >
+          {label}
+        </button>
+      ))}
+    </div>
+  );
+}
+
 export function MaterialPanel() {
   if (!info.value) return <p class="hint">Choose a model first.</p>;
   const m = medium.value;
-  const shown = scene.value.material || info.value.material;
+  const shown = mediumTextShown.value;
+  const object = editedObject.value;
+  const { material, materials } = scene.value;
+  const edited = object ? materials[object] : material;
   if (!materialIsOpen.value)
     return (
       <Section title="Material">
@@ -164,16 +207,15 @@ export function MaterialPanel() {
     );
   return (
     <Section title="Material">
+      <Objects />
       <div class="chips" role="radiogroup" aria-label="Preset">
         {PRESET_NAMES.map((name) => (
           <button
             key={name}
             type="button"
             role="radio"
-            aria-checked={
-              shown === name || (m?.name === name && !scene.value.material.startsWith("{"))
-            }
-            onClick={() => set({ material: name })}
+            aria-checked={shown === name || (m?.name === name && !edited?.startsWith("{"))}
+            onClick={() => set(withMedium(name))}
           >
             {title(name)}
           </button>
@@ -184,9 +226,9 @@ export function MaterialPanel() {
       ) : (
         <p class="hint">This medium is a profile of another kind.</p>
       )}
-      {scene.value.material && (
-        <button type="button" class="quiet" onClick={() => set({ material: "" })}>
-          The model's own medium
+      {edited && (
+        <button type="button" class="quiet" onClick={() => set(withMedium(""))}>
+          {object && material ? "As the others" : "The model's own medium"}
         </button>
       )}
     </Section>

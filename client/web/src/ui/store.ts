@@ -21,7 +21,7 @@ import { Type } from "../protocol/frame";
 import { upload } from "../protocol/upload";
 import { clampOrbit, START, type Orbit } from "../scene/camera";
 import { NO_STATUS, type Status, type Viewer } from "../scene/viewer";
-import { parseMedium } from "../state/material";
+import { mediaObjects, parseMedium } from "../state/material";
 import { FIRST_LAMP, type LampState, type SceneState } from "../state/scene-state";
 import { fromFragment, toFragment } from "../state/url";
 
@@ -85,9 +85,34 @@ export const materialIsOpen = computed(() => {
     status.value.mode === "pictures"
   );
 });
-export const medium = computed(() =>
-  parseMedium(scene.value.material || info.value?.material || ""),
+/** The objects whose media can be chosen apart, by the names that the daemon takes; none of a model
+ * with one. */
+export const objects = computed(() => mediaObjects(info.value));
+const chosenObject = signal("");
+/** The object whose medium is edited; empty: all that have none of their own. */
+export const editedObject = computed(() =>
+  objects.value.some(({ name }) => name === chosenObject.value) ? chosenObject.value : "",
 );
+export const editObject = (name: string) => (chosenObject.value = name);
+/** Text of the medium that is edited. */
+export const mediumTextShown = computed(() => {
+  const { material, materials } = scene.value;
+  const object = objects.value.find(({ name }) => name === editedObject.value);
+  const own = object ? info.value?.media[object.medium] : info.value?.material;
+  return (object && materials[object.name]) || material || own || "";
+});
+/** The part of the scene that gives the edited object another medium; empty: the model's own. */
+export function withMedium(text: string): Pick<SceneState, "material" | "materials"> {
+  const { material, materials } = scene.value;
+  const object = editedObject.value;
+  if (!object) return { material: text, materials };
+  const others = Object.entries(materials).filter(([name]) => name !== object);
+  return {
+    material,
+    materials: Object.fromEntries(text ? [...others, [object, text]] : others),
+  };
+}
+export const medium = computed(() => parseMedium(mediumTextShown.value));
 
 export const client = new Client(
   `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`,

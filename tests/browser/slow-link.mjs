@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+// A link that is long and thin, between browser and daemon: a token bucket each way, and a delay.
+import { createServer, connect } from "node:net";
+
+/** rate: bytes a second each way; delayMs: one way. Both may be changed while it runs. */
+export class SlowLink {
+  constructor(port, rate, delayMs) {
+    this.rate = rate;
+    this.delayMs = delayMs;
+    this.sockets = new Set();
+    this.server = createServer((near) => {
+      const far = connect(port, "127.0.0.1");
+      this.carry(near, far);
+      this.carry(far, near);
+    });
+  }
+
+  async listen() {
+    await new Promise((resolve) => this.server.listen(0, "127.0.0.1", resolve));
+    return this.server.address().port;
+  }
+
+  carry(from, to) {
+    let free = 0; // when the last byte that was taken has left
+    this.sockets.add(from);
+    from.setNoDelay(true);
+    from.on("data", (bytes) => {
+      const now = Date.now();
+      free = Math.max(free, now) + (1000 * bytes.length) / this.rate;
+      // What has not left is not read further: a bucket of one segment.
+      from.pause();
+      setTimeout(() => from.resume(), free - now);
+      setTimeout(() => to.writable && to.write(bytes), free - now + this.delayMs);
+    });
+    const end = () => {
+      this.sockets.delete(from);
+      setTimeout(() => to.destroy(), this.delayMs);
+    };
+    from.on("close", end);
+    from.on("error", () => from.destroy());
+  }
+
+  close() {
+    for (const socket of this.sockets) socket.destroy();
+    this.server.close();
+  }
+}
+
+/** Notes each frame of the page's view: states that are outstanding, delay, rows of a cluster. */
+export const noteFrames = (page) =>
+  page.evaluate(() => {
+    const { view } = globalThis.relightViewer;
+    const received = view.received.bind(view);
+    globalThis.frames = [];
+    view.received = (frame, payload) => {
+      const { outstanding } = view;
+      const own = outstanding.find(({ sequence }) => sequence === frame.sequence);
+      globalThis.frames.push({
+        atMs: performance.now(),
+        delayMs: own ? performance.now() - own.atMs : 0,
+        waits: view.waits,
+        rows: frame.colors?.coefficients?.mostRank ?? 0,
+        bytes: payload.length,
+      });
+      received(frame, payload);
+    };
+  });
