@@ -65,6 +65,7 @@ static struct prt_bake_options bake_options(const struct options *o,
         .n_phase = (uint32_t)o->phase_terms,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
+        .no_view = o->no_view,
         .draft = o->draft,
         .scattering = o->scattering && !strcmp(o->scattering, "walk") ? PRT_SCATTERING_WALK
                                                                       : PRT_SCATTERING_DIPOLE,

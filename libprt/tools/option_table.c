@@ -153,6 +153,8 @@ const struct option_row option_table[] = {
      "single scattering: paths a vertex (default 4096)"},
     {"no-single", 0, NULL, OPTION_FLAG, AT(no_single), 0, 0, NULL, BAKE,
      "leave single scattering out"},
+    {"no-view", 0, NULL, OPTION_FLAG, AT(no_view), 0, 0, NULL, BAKE,
+     "leave out the planes that correct single scattering towards an eye"},
     {"every-ray", 0, NULL, OPTION_FLAG, AT(every_ray), 0, 0, NULL, BAKE,
      "trace every ray of single scattering, without reuse; for measurements"},
     {"straight", 0, NULL, OPTION_FLAG, AT(straight), 0, 0, NULL, COLORS | IMAGE,

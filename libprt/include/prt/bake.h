@@ -56,6 +56,7 @@ struct prt_bake_options {
                         * isotropic medium, else 4 */
     uint32_t n_single; /* single-scattering points a vertex of every_ray; 0: 16 */
     bool no_single;    /* leaves single scattering out */
+    bool no_view;      /* leaves its planes of exit out, which answers with an eye add */
     bool every_ray;    /* single scattering with a ray for every texel and point, for
                         * measurements */
     double max_error;  /* relative RMSE of the storage; 0: 0.01 */
