@@ -276,7 +276,7 @@ static double tail_error(const struct tensor_job *job)
 {
     const struct bake *b = job->bake;
     if (b->o.rank) return 0;
-    return tail_share * (job->term == PRT_TERM_VIEW ? 2 * view_error : b->o.max_error);
+    return job->term == PRT_TERM_VIEW ? view_error : tail_share * b->o.max_error;
 }
 
 // The media that a cluster's U is trained for.
@@ -465,7 +465,7 @@ static void drop_factored(struct bake *b)
 double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
-    if (term == PRT_TERM_VIEW) return fmax(160.0 * b->mesh->n_vertex, 2e6);
+    if (term == PRT_TERM_VIEW) return fmax(200.0 * b->mesh->n_vertex, 4e6);
     double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
     double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
     return fmax(per_vertex * b->mesh->n_vertex, least);

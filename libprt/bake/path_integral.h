@@ -99,7 +99,7 @@ void prt_path_integrate(const struct path_job *job);
 bool prt_path_node_sh(const struct single_plan *plan, const struct scratch *s, uint32_t t,
                       float y[SINGLE_MAX_NODES][PATH_MAX_PHASE]);
 
-/* A tile of the path with the exact phase function towards job->toward: out [3][n]. */
+/* A tile of the path with the phase function towards job->toward: out [3][n]. */
 void prt_path_toward(const struct path_job *job, const struct path *path, uint32_t first,
                      uint32_t m);
 

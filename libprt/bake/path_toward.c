@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// Integrals along a path towards one direction of exit, with the exact phase function
+// Integrals along a path towards one direction of exit, with the phase function's series
 // (METHODS §3.6). The bake's planes over directions of exit are fitted to them.
 #include "bake/path_integral.h"
 
-// Phase function of Henyey and Greenstein at the nodes of direction t, by channel. A node
+// The phase function at the nodes of direction t, by channel. A node
 // without light takes a neighbour's. False: no node has light.
 static bool node_phases(const struct path_job *job, uint32_t t, float p[SINGLE_MAX_NODES][3])
 {
@@ -15,7 +15,7 @@ static bool node_phases(const struct path_job *job, uint32_t t, float p[SINGLE_M
             float c = 0;
             for (int k = 0; k < 3; k++) c += e->dir[k][t] * job->toward[k];
             for (int ch = 0; ch < 3; ch++)
-                p[a][ch] = (float)prt_hg_eval((double)plan->g[ch], -(double)c);
+                p[a][ch] = (float)prt_phase_eval(&plan->phase[ch], (double)c);
             for (uint32_t b = seen == UINT32_MAX ? 0 : a; b < a; b++)
                 for (int ch = 0; ch < 3; ch++) p[b][ch] = p[a][ch];
             seen = a;

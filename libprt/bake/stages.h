@@ -353,10 +353,9 @@ struct single_plan {
     uint64_t seed;
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction; /* most directions at once: n_coef, or a light's rays */
-    /* Rows are radiances towards one direction of exit (prt_single_toward), with the exact
-     * phase function of g; n_phase is 1. isotropic: every g is 0. */
+    /* Rows are radiances towards one direction of exit (prt_single_toward), with `phase` whole;
+     * n_phase is 1. isotropic: every g is 0. */
     bool toward, isotropic;
-    float g[3];
 
     struct work_meters *work; /* or NULL */
 

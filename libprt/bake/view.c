@@ -6,8 +6,8 @@
 
 // Supports and texels across a face of their light. Bunny of 35k vertices: METHODS §3.6.
 static const uint32_t most_supports = 3000, light_across = 8;
-static const uint32_t view_rank = 12; // columns of a cluster; chosen
-static const uint32_t draft_supports = 2500;
+static const uint32_t view_rank = 24;                         // most columns of a cluster
+static const uint32_t draft_supports = 2500, draft_rank = 16; // chosen
 
 bool prt_bake_has_view(const struct bake *b)
 {
@@ -27,7 +27,7 @@ int prt_bake_view(struct bake *b, const struct extinction_table *extinction,
     if (status) return status;
     struct tensor_job job = {.bake = b,
                              .term = PRT_TERM_VIEW,
-                             .stage = "planes of exit",
+                             .stage = "exit planes",
                              .range = prt_support_range,
                              .n_function = VIEW_PLANES * n_base,
                              .n_phase = VIEW_PLANES,
@@ -50,6 +50,7 @@ int prt_bake_draft_single(struct tensor_job *job, const struct extinction_table 
     if (status) return status;
     job->range = prt_support_range;
     job->user = s;
+    job->most_rank = draft_rank;
     if (!prt_shard_assembling(b)) status = prt_support_trace_axis(b, extinction, s);
     if (status == PRT_OK) status = prt_bake_tensor(job);
     prt_support_destroy(s);

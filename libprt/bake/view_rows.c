@@ -32,13 +32,14 @@ struct view_bake {
 // Tiles of 4 x 4 texels take one ray each: their noise is averaged over directions and
 // supports.
 static struct single_plan coarse_plan(const struct single_plan *full,
-                                      const struct directions *directions)
+                                      const struct directions *directions, bool draft)
 {
     struct single_plan plan = *full;
     plan.directions = directions;
     plan.n_direction = directions->n_coef;
     plan.every_ray = false;
     plan.n_node = nodes;
+    if (draft) plan.horizon = NULL; // its rays would outnumber those of a few supports
     plan.differ = plan.differ_texel = plan.uncertain = 1e9f;
     return plan;
 }
@@ -48,14 +49,13 @@ static int make_plans(struct view_bake *v)
     struct bake *b = v->b;
     for (uint32_t i = 0; i < b->o.media.n; i++) {
         const struct prt_material *m = &b->o.media.medium[i];
-        v->axis[i] = coarse_plan(&b->single[i], v->directions);
+        v->axis[i] = coarse_plan(&b->single[i], v->directions, b->o.draft);
         if (b->single[i].extinction) v->axis[i].n_phase = 1;
         v->toward[i] = v->axis[i];
         v->toward[i].n_phase = 1;
         v->toward[i].toward = v->toward[i].isotropic = true;
         for (int c = 0; c < 3; c++) {
-            v->toward[i].g[c] = m->g[c];
-            (void)prt_phase_hg(&v->toward[i].phase[c], (double)m->g[c], 1);
+            (void)prt_phase_hg(&v->toward[i].phase[c], (double)m->g[c], PRT_PHASE_16);
             v->toward[i].isotropic &= m->g[c] == 0;
         }
     }
@@ -324,5 +324,5 @@ int prt_support_trace_axis(struct bake *b, const struct extinction_table *extinc
 int prt_support_trace_view(struct bake *b, const struct extinction_table *extinction,
                            struct support *s)
 {
-    return trace(b, extinction, "directions of exit", view_range, false, s);
+    return trace(b, extinction, "exit directions", view_range, false, s);
 }

@@ -151,8 +151,7 @@ static void report_errors(const char *errors)
             100 * sky, 100 * dark->valuedouble, 100 * bright->valuedouble);
     double view = number_of(root, "single_toward_eyes", "worst");
     if (view >= 0) {
-        print_error("single scattering towards an eye, which is corrected for the view only on "
-                    "average:",
+        print_error("single scattering towards an eye, the mean of four around the model:",
                     view);
         putchar('\n');
     }

@@ -61,8 +61,8 @@ struct prt_bake_options {
                         * measurements */
     double max_error;  /* relative RMSE of the storage; 0: 0.01 */
     bool draft; /* some 3 % in a tenth of the time: other defaults (cube 16, 20000 samples,
-                 * max_error 0.05), no single scattering, a coarser cut of the hierarchy,
-                 * and one ray of four where four agree (METHODS §3.8) */
+                 * max_error 0.05), single scattering interpolated from few vertices, a coarser
+                 * cut of the hierarchy, and one ray of four where four agree (METHODS §3.8) */
     const struct prt_env *env; /* polynomial: the fixed light */
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
