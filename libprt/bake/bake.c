@@ -57,7 +57,6 @@ void prt_bake_set_defaults(struct prt_bake_options *o)
         if (!o->cube) o->cube = draft_cube;
         if (!o->n_sample) o->n_sample = draft_samples;
         if (o->max_error == 0) o->max_error = draft_error;
-        o->no_single = true;
     }
     if (!o->cube) o->cube = PRT_BAKE_CUBE_DEFAULT;
     if (!o->n_coef) o->n_coef = PRT_BAKE_COEFFS_DEFAULT;
@@ -268,6 +267,18 @@ void prt_probes_finish(struct probes *probes)
     *probes = (struct probes){0};
 }
 
+// The error of single scattering's planes of exit over their own size, which is a small part of
+// single scattering and holds the noise of few rays; chosen.
+static const double view_error = 0.1;
+
+// The error of a tensor whose columns may be dropped.
+static double tail_error(const struct tensor_job *job)
+{
+    const struct bake *b = job->bake;
+    if (b->o.rank) return 0;
+    return job->term == PRT_TERM_VIEW ? view_error : tail_share * b->o.max_error;
+}
+
 // The media that a cluster's U is trained for.
 static const struct training *training_of(const struct tensor_job *job, uint32_t cluster)
 {
@@ -281,6 +292,13 @@ static const struct training *training_of(const struct tensor_job *job, uint32_t
     return &job->training[i];
 }
 
+static uint32_t most_rank(const struct tensor_job *job, bool every_medium)
+{
+    const struct bake *b = job->bake;
+    const uint32_t rank = prt_bake_rank(&b->o, every_medium, b->clusters->n_cluster);
+    return job->most_rank && job->most_rank < rank ? job->most_rank : rank;
+}
+
 static struct factor_plan plan_of(const struct tensor_job *job, uint32_t cluster)
 {
     const struct bake *b = job->bake;
@@ -288,10 +306,9 @@ static struct factor_plan plan_of(const struct tensor_job *job, uint32_t cluster
     return (struct factor_plan){.n_function = job->n_function,
                                 .n_train = t ? t->n : job->n_function,
                                 .train = t ? t->weight : NULL,
-                                .max_rank =
-                                    prt_bake_rank(&b->o, t != NULL, b->clusters->n_cluster),
+                                .max_rank = most_rank(job, t != NULL),
                                 .n_probe = job->probes->n,
-                                .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
+                                .tail_error = tail_error(job),
                                 .n = b->o.cube,
                                 .solid_angle = b->directions->solid_angle,
                                 .probe = job->probes->light,
@@ -448,6 +465,7 @@ static void drop_factored(struct bake *b)
 double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
+    if (term == PRT_TERM_VIEW) return fmax(200.0 * b->mesh->n_vertex, 4e6);
     double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
     double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
     return fmax(per_vertex * b->mesh->n_vertex, least);
@@ -459,6 +477,7 @@ double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n
 // total.
 static double energy_error(const struct bake *b, enum prt_term term)
 {
+    if (term == PRT_TERM_VIEW) return view_error;
     return b->o.max_error * (term == PRT_TERM_SINGLE        ? 1.5
                              : term == PRT_TERM_UNSCATTERED ? 3
                                                             : 0.75);
@@ -625,7 +644,11 @@ static int bake_wavelet(struct bake *b)
                                     .n_phase = b->o.n_phase,
                                     .probes = &probes};
         status = prt_bake_plan_single(b, NULL, 0);
-        if (status == PRT_OK) status = prt_bake_tensor(&single);
+        if (status == PRT_OK)
+            status =
+                b->o.draft ? prt_bake_draft_single(&single, NULL) : prt_bake_tensor(&single);
+        if (status == PRT_OK && prt_bake_has_view(b))
+            status = prt_bake_view(b, NULL, &probes, NULL, 0);
     }
     prt_probes_finish(&probes);
     return status;

@@ -6,6 +6,7 @@
 #include "bake/radials.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
+#include "bake/view_fit.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -53,15 +54,19 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
+// Makes the last tensor one over a radial basis.
+static int record_basis(struct bake *b, const struct prt_radial *radial, uint32_t n_phase)
+{
+    struct prt_tensor *t = &b->out.tensor[b->out.n_tensor - 1];
+    t->coupling = PRT_COUPLE_FULL;
+    return prt_bases_record(radial, n_phase, t);
+}
+
 // A tensor over a radial basis: every light and every training medium is served.
 static int radial_tensor(struct tensor_job *job, const struct prt_radial *radial)
 {
-    struct bake *b = job->bake;
     int status = prt_bake_tensor(job);
-    if (status) return status;
-    struct prt_tensor *t = &b->out.tensor[b->out.n_tensor - 1];
-    t->coupling = PRT_COUPLE_FULL;
-    return prt_bases_record(radial, job->n_phase, t);
+    return status ? status : record_basis(job->bake, radial, job->n_phase);
 }
 
 static int bake_multiple(struct joint *j, const struct probes *probes)
@@ -111,7 +116,16 @@ static int bake_single(struct joint *j, const struct probes *probes)
                              .n_training = 1};
     int status = prt_bake_plan_single(b, j->bases.integral, 0);
     if (!status) status = prt_bases_train_extinction(b, &j->bases, b->o.n_phase);
-    return status ? status : radial_tensor(&job, j->bases.extinction);
+    if (!status && b->o.draft) {
+        status = prt_bake_draft_single(&job, j->bases.integral);
+        if (!status) status = record_basis(b, j->bases.extinction, job.n_phase);
+    } else if (!status) {
+        status = radial_tensor(&job, j->bases.extinction);
+    }
+    if (status || !prt_bake_has_view(b)) return status;
+    status = prt_bases_train_extinction(b, &j->bases, VIEW_PLANES);
+    if (!status) status = prt_bake_view(b, j->bases.integral, probes, j->bases.training, 1);
+    return status ? status : record_basis(b, j->bases.extinction, VIEW_PLANES);
 }
 
 static int bake_terms(struct joint *j)

@@ -196,7 +196,7 @@ static int examine(struct examination *e, enum prt_term term, unsigned n_light,
                                             .n_vertex = e->n,
                                             .n_sample = reference_samples(e),
                                             .n_ray = 512,
-                                            .n_single = 4096,
+                                            .n_single = e->o->draft ? 1024 : 4096,
                                             .n_walk = walks ? e->o->n_walk : 0,
                                             .seed = 99};
     struct prt_context quiet = *e->ctx;

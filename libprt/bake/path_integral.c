@@ -142,11 +142,14 @@ void prt_path_integrate(const struct path_job *job)
         follow_path(job, first, &path);
         if (plan->extinction) {
             loops->integrate_radial(job, &path, first, m);
+        } else if (plan->toward && !plan->isotropic) {
+            prt_path_toward(job, &path, first, m);
         } else if (plan->n_phase > 1) {
             integrate_phase(job, &path, first, m);
         } else {
             for (uint32_t c = 0; c < 3; c++) {
                 float sum[PATH_TILE], factor = plan->sigma_s[c] * (float)(0.5 / sqrt(M_PI));
+                if (plan->toward) factor *= (float)(0.5 / sqrt(M_PI));
                 loops->integrate_isotropic(&path, plan->sigma_t[c], factor, job->end, sum);
                 memcpy(job->out + (size_t)c * job->n + first, sum, m * sizeof *sum);
             }

@@ -92,11 +92,16 @@ struct path_job {
     uint32_t n;
     const float *rgb;
     float *out;
+    const float *toward; /* [3] plan->toward: the outward direction of the path */
 };
 void prt_path_integrate(const struct path_job *job);
 /* SH of the refracted directions w_i' at the nodes of direction t. False: no node has light. */
 bool prt_path_node_sh(const struct single_plan *plan, const struct scratch *s, uint32_t t,
                       float y[SINGLE_MAX_NODES][PATH_MAX_PHASE]);
+
+/* A tile of the path with the phase function towards job->toward: out [3][n]. */
+void prt_path_toward(const struct path_job *job, const struct path *path, uint32_t first,
+                     uint32_t m);
 
 /* Index of the k-th direction or cell in the nodes' arrays. */
 static inline uint32_t path_direction(const struct scratch *s, uint32_t k)

@@ -84,6 +84,7 @@ struct tensor_job {
      * NULL: every function is a combination of its own */
     const struct training *training;
     uint32_t n_training;
+    uint32_t most_rank;         /* columns of U; 0: prt_bake_rank */
     const void *user;           /* the engine's own data */
     const float *lights;        /* struct factor_plan; prt_bake_tensor sets these three */
     const struct lit_rows *lit; /* or NULL */
@@ -100,6 +101,17 @@ int prt_bake_opaque_rows(const struct tensor_job *job, uint32_t cluster,
                          const uint32_t *vertex_block);
 /* A range: single scattering's rows as job->bake->single plans them (cells.c). */
 int prt_bake_single_range(void *tensor_job, size_t begin, size_t end, unsigned worker);
+/* Whether the bake has planes of exit for single scattering, which an answer towards an eye
+ * adds: not in sparse storage, nor in drafts or with a fixed light. */
+bool prt_bake_has_view(const struct bake *b);
+/* Bakes them after prt_bake_plan_single, into the tensor of the next slot. training as in
+ * struct tensor_job; extinction: a free material's basis, or NULL. */
+int prt_bake_view(struct bake *b, const struct extinction_table *extinction,
+                  const struct probes *probes, const struct training *training,
+                  uint32_t n_training);
+/* Bakes the tensor of single scattering that a draft has: `job` with the rows of a few
+ * vertices, interpolated at the others. */
+int prt_bake_draft_single(struct tensor_job *job, const struct extinction_table *extinction);
 /* n Gaussian lights, drawn from the bake's seed. */
 int prt_probes_create(const struct bake *b, uint32_t n, struct probes *out);
 void prt_probes_finish(struct probes *probes);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The settings of a bake as JSON: provenance in the .prt and part of the key of shards.
+#include "bake/view_fit.h"
 #include "bake/walks.h"
 
 #include <cjson/cJSON.h>
@@ -56,6 +57,7 @@ char *prt_bake_describe(const struct bake *b)
     add_u64(json, "samples", b->surface ? b->surface->n_sample : 0);
     add_rounded(json, "spacing_mm", b->surface ? (double)b->surface->spacing : 0);
     add_u64(json, "phase_terms", b->o.n_phase);
+    if (prt_bake_has_view(b)) add_u64(json, "exit_planes", VIEW_PLANES);
     add_u64(json, "single_points", b->o.n_single);
     add_u64(json, "coeffs", b->o.n_coef);
     add_rounded(json, "max_error", b->o.max_error);

@@ -72,13 +72,14 @@ static uint32_t make_cells(const struct single_plan *plan, struct scratch *s)
     return n_cell;
 }
 
-// Length of the path along -n inside the body [mm].
-static float thickness_at(const struct single_plan *plan, const float x[3], const float n[3])
+// Length of the path from x along -out inside the body [mm].
+static float thickness_at(const struct single_plan *plan, const float x[3], const float n[3],
+                          const float out[3])
 {
     float eps = prt_scene_epsilon(plan->scene), down[3], start[3], t, u, v;
     uint32_t triangle;
     float deep = plan->extinction ? plan->inward_mm : fminf(3 * plan->inward_mm, 1e5f);
-    for (int k = 0; k < 3; k++) down[k] = -n[k], start[k] = x[k] - eps * n[k];
+    for (int k = 0; k < 3; k++) down[k] = -out[k], start[k] = x[k] - eps * n[k];
     if (prt_scene_intersect(plan->scene, start, down, eps, deep, &t, &triangle, &u, &v))
         return fmaxf(t, 4 * eps);
     return deep;
@@ -91,7 +92,7 @@ uint64_t prt_single_light(const struct single_plan *plan, const struct fresnel_t
     uint32_t n = light->n;
     const float *p = plan->mesh->position[vertex], *normal = plan->mesh->normal[vertex];
     struct scratch s = {0};
-    float depth[SINGLE_MAX_NODES], thickness = thickness_at(plan, p, normal);
+    float depth[SINGLE_MAX_NODES], thickness = thickness_at(plan, p, normal, normal);
     uint64_t rays = 1;
     carve(plan, memory, &s);
     s.first = NULL;
@@ -106,7 +107,8 @@ uint64_t prt_single_light(const struct single_plan *plan, const struct fresnel_t
             normal[0] * light->x[t] + normal[1] * light->y[t] + normal[2] * light->z[t];
     memset(out, 0, (size_t)plan->n_phase * plan->extinction->n_function * 3 * sizeof *out);
     float end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
-    prt_path_integrate(&(struct path_job){plan, fresnel, &s, depth, end, n, light->rgb, out});
+    prt_path_integrate(
+        &(struct path_job){plan, fresnel, &s, depth, end, n, light->rgb, out, NULL});
     return rays;
 }
 
@@ -124,7 +126,7 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
         float xi = ((float)i + 0.5f) / (float)plan->n_point;
         float depth = -logf(1 - xi * lambda) / sigma, p[3];
         float weight = lambda / ((float)plan->n_point * sigma * expf(-sigma * depth));
-        for (int k = 0; k < 3; k++) p[k] = path->x[k] - depth * path->n[k];
+        for (int k = 0; k < 3; k++) p[k] = path->x[k] - depth * path->out[k];
         rays += prt_trace_every(plan, fresnel, p, path->pattern + i * 0x51, s);
         for (uint32_t t = 0; t < d->n_coef; t++) {
             float transmittance = s->node[0].transmittance[t];
@@ -144,20 +146,22 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
     return rays;
 }
 
-uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                          uint32_t vertex, float *value, struct single_cells *out, void *memory)
+// Cells of the path along -out.
+static uint64_t cells_along(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                            uint32_t vertex, const float *out_dir, const float *toward,
+                            float *value, struct single_cells *out, void *memory)
 {
     const struct directions *d = plan->directions;
     const float *x = plan->mesh->position[vertex], *n = plan->mesh->normal[vertex];
     struct scratch s = {0};
     carve(plan, memory, &s);
     uint64_t rays = 1;
-    float thickness = thickness_at(plan, x, n);
+    float thickness = thickness_at(plan, x, n, out_dir);
     unsigned pattern = (unsigned)(prt_hash64(&vertex, sizeof vertex, plan->seed) >> 20);
     *out = (struct single_cells){d->n_coef, s.cell, value};
     if (plan->every_ray) {
         for (uint32_t t = 0; t < d->n_coef; t++) s.cell[t] = t;
-        const struct vertex_path all = {.x = x, .n = n, .pattern = pattern};
+        const struct vertex_path all = {.x = x, .out = out_dir, .pattern = pattern};
         return rays + every_ray(plan, fresnel, &all, thickness, &s, value);
     }
     float depth[SINGLE_MAX_NODES], end;
@@ -166,7 +170,7 @@ uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_t
         size_t at = texel_ray(d, pattern, k / 4, k % 4);
         s.cosine[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
     }
-    const struct vertex_path path = {x, n, pattern, depth};
+    const struct vertex_path path = {x, out_dir, pattern, depth};
     uint64_t started = prt_work_begin();
     rays += prt_trace_nodes(plan, fresnel, &path, &s);
     prt_work_end(plan->work, WORK_EXITS, started, rays, 0);
@@ -174,9 +178,23 @@ uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_t
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     out->n_cell = make_cells(plan, &s);
     prt_path_integrate(
-        &(struct path_job){plan, fresnel, &s, depth, end, out->n_cell, NULL, value});
+        &(struct path_job){plan, fresnel, &s, depth, end, out->n_cell, NULL, value, toward});
     prt_work_end(plan->work, WORK_PATHS, started, 0, 0);
     return rays;
+}
+
+uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                          uint32_t vertex, float *value, struct single_cells *out, void *memory)
+{
+    return cells_along(plan, fresnel, vertex, plan->mesh->normal[vertex], NULL, value, out,
+                       memory);
+}
+
+uint64_t prt_single_toward(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           uint32_t vertex, const float path[3], const float toward[3],
+                           float *value, struct single_cells *out, void *memory)
+{
+    return cells_along(plan, fresnel, vertex, path, toward, value, out, memory);
 }
 
 uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,

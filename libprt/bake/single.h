@@ -37,11 +37,11 @@ uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_tab
                         const float p[3], const struct light_directions *light,
                         struct exits *out);
 
-/* A path of one vertex: nodes at x - depth n. */
+/* A path of one vertex: nodes at x - depth out. */
 struct vertex_path {
-    const float *x, *n; /* position [mm] and normal */
-    unsigned pattern;   /* jitter of the sub-samples */
-    const float *depth; /* [n_node] mm */
+    const float *x, *out; /* position [mm]; outward direction, the normal or another */
+    unsigned pattern;     /* jitter of the sub-samples */
+    const float *depth;   /* [n_node] mm */
 };
 /* Fills the nodes for every texel, and s->fine and s->split. Returns the rays cast. */
 uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_table *fresnel,

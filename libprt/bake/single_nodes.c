@@ -318,11 +318,11 @@ uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_ta
                       .fresnel = fresnel,
                       .s = s,
                       .use_horizon = true,
-                      .keep_directions = plan->n_phase > 1};
+                      .keep_directions = prt_single_keeps_directions(plan)};
     weigh_nodes(plan, l.depth, l.rise);
     for (uint32_t a = 0; a < l.n_node; a++) {
         l.pattern[a] = path->pattern + 65 * a; // 65: another jitter and another sub-sample
-        for (int k = 0; k < 3; k++) q.p[a][k] = path->x[k] - l.depth[a] * path->n[k];
+        for (int k = 0; k < 3; k++) q.p[a][k] = path->x[k] - l.depth[a] * path->out[k];
     }
     trace_tiles(&q, &l);
     trace_blocks(&q, &l);

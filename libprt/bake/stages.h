@@ -353,6 +353,9 @@ struct single_plan {
     uint64_t seed;
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction; /* most directions at once: n_coef, or a light's rays */
+    /* Rows are radiances towards one direction of exit (prt_single_toward), with `phase` whole;
+     * n_phase is 1. isotropic: every g is 0. */
+    bool toward, isotropic;
 
     struct work_meters *work; /* or NULL */
 
@@ -387,6 +390,17 @@ struct single_cells {
 uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
                           uint32_t vertex, float *value, struct single_cells *out,
                           void *scratch);
+/* The same along -path, for a plan of plan->toward: radiances L1 towards `toward` before the
+ * outgoing Fresnel factor, [3][n_cell]; with a radial basis the functions of prt_single_cells.
+ * path, toward: unit, inside, outward; they differ at creases alone. */
+uint64_t prt_single_toward(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           uint32_t vertex, const float path[3], const float toward[3],
+                           float *value, struct single_cells *out, void *scratch);
+/* Whether the refracted directions of the light are needed. */
+static inline bool prt_single_keeps_directions(const struct single_plan *plan)
+{
+    return plan->n_phase > 1 || (plan->toward && !plan->isotropic);
+}
 /* n directions of a fixed light. */
 struct light_directions {
     uint32_t n;

@@ -27,6 +27,7 @@ struct answer {
     unsigned n_plane;
     unsigned n_phase; // planes that the tensors fill; the view's correction may need more
     bool view;        // single scattering is corrected for the view (view_correction.c)
+    bool exits;       // and gets the planes of exit that the transport has
     bool apart;       // planes of multiple scattering first, then those of single scattering
     enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
     float *planes;                                        // [n_plane][n_vertex][3]
@@ -44,12 +45,16 @@ static bool is_term(const struct prt_query *query, const struct prt_tensor *t)
     static const uint32_t of[] = {[PRT_ANSWER_MULTIPLE] = PRT_TERM_MULTIPLE,
                                   [PRT_ANSWER_SINGLE] = PRT_TERM_SINGLE,
                                   [PRT_ANSWER_UNSCATTERED] = PRT_TERM_UNSCATTERED};
+    if (t->term == PRT_TERM_VIEW)
+        return query->term == PRT_ANSWER_TOTAL || query->term == PRT_ANSWER_SINGLE;
     return query->term == PRT_ANSWER_TOTAL || t->term == of[query->term];
 }
 
 static bool is_wanted(const struct answer *a, const struct prt_tensor *t)
 {
     bool single = t->term == PRT_TERM_SINGLE;
+    if (t->term == PRT_TERM_VIEW)
+        return a->exits && a->part == ALL_BUT_SINGLE && is_term(a->query, t);
     return is_term(a->query, t) && (a->part == ALL_TERMS || (a->part == ONLY_SINGLE) == single);
 }
 
@@ -146,7 +151,8 @@ void prt_phase_plane_factor(const struct prt_material *material,
     for (int ch = 0; ch < 3; ch++) {
         struct prt_phase phase;
         float g = material->g[ch];
-        factor[ch] = 1;
+        factor[ch] = tensor->term == PRT_TERM_VIEW ? material->sigma_s_prime[ch] / (1 - g) : 1;
+        if (tensor->term == PRT_TERM_VIEW) continue; // planes of the exit, for an even phase
         if (!prt_phase_hg(&phase, (double)g, tensor->n_phase))
             factor[ch] = (float)phase.a[l] * material->sigma_s_prime[ch] / (1 - g);
     }
@@ -211,7 +217,7 @@ static int add_translucent(const struct answer *a, const struct prt_tensor *t, u
 static int add_tensor(const struct answer *a, const struct prt_tensor *t, const float *own)
 {
     size_t size = 3 * a->n_vertex;
-    bool single = t->term == PRT_TERM_SINGLE;
+    bool single = prt_term_is_single(t->term);
     int status = PRT_OK;
     for (unsigned k = 0; k < t->n_phase && k < a->n_plane && !status; k++) {
         struct plane_job job = {.a = a,
@@ -331,7 +337,7 @@ static int make_input(const struct group *g, const struct prt_tensor *t, struct 
     *o = (struct owned_input){.part.tensor = t};
     *fits = false;
     if (t->storage == PRT_STORAGE_SPARSE) return PRT_OK;
-    if (t->term == PRT_TERM_SINGLE) {
+    if (prt_term_is_single(t->term)) {
         status = find_opaque_clusters(a, t, &o->dark, &mixed);
         if (!status && !mixed) status = find_factors(a, t, &o->factor);
     }
@@ -476,6 +482,12 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
         a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
                    is_term(query, &transport->tensor[i]);
     if (a->view && a->n_plane < 4) a->n_plane = 4;
+    for (uint32_t i = 0; i < transport->n_tensor && a->view; i++) {
+        const struct prt_tensor *t = &transport->tensor[i];
+        if (t->term != PRT_TERM_VIEW) continue;
+        a->exits = true;
+        if (a->n_plane < t->n_phase) a->n_plane = t->n_phase;
+    }
 }
 
 // ---- several queries, one pass over the transport
@@ -579,6 +591,17 @@ static int add_scratch(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+// Planes of what is added behind the correction: that of the other terms, those of the exit.
+static unsigned rest_planes(const struct answer *a)
+{
+    const struct prt_transport *t = a->transport;
+    unsigned n = a->query->term == PRT_ANSWER_TOTAL;
+    for (uint32_t i = 0; i < t->n_tensor && a->exits; i++)
+        if (t->tensor[i].term == PRT_TERM_VIEW && t->tensor[i].n_phase > n)
+            n = t->tensor[i].n_phase;
+    return n;
+}
+
 // Each run of blocks with one eta.
 static int correct_view(const struct answer *a)
 {
@@ -599,39 +622,46 @@ static int correct_view(const struct answer *a)
 }
 
 // Answers whose single scattering is corrected for the view: it is computed alone, corrected,
-// and the other terms are added to plane 0.
+// and the rest is added.
 static int fill_corrected(struct answer *a, unsigned n)
 {
     struct answer part[PRT_RELIGHT_MAX_LIGHTS];
     const size_t size = 3 * a[0].n_vertex;
+    size_t all = 0, at = 0;
     unsigned m = 0;
     for (unsigned i = 0; i < n; i++) {
         part[i] = a[i];
         part[i].part = ONLY_SINGLE;
         part[i].n_plane = a[i].n_phase;
+        all += rest_planes(&a[i]);
     }
     int status = fill_many(part, n);
-    for (unsigned i = 0; i < n && !status; i++) status = correct_view(&a[i]);
-    for (unsigned i = 0; i < n; i++) m += a[i].query->term == PRT_ANSWER_TOTAL;
-    if (status || !m) return status;
-    float *scratch = prt_alloc(m * size, sizeof *scratch);
-    if (!scratch) return prt_fail(a[0].ctx, PRT_NOMEM, "no memory for %u answers", m);
-    m = 0;
+    for (unsigned i = 0; i < n && !status; i++) {
+        const unsigned made = a[i].n_phase < 4 ? 4 : a[i].n_phase;
+        if (a[i].n_plane > made)
+            memset(a[i].planes + made * size, 0,
+                   (a[i].n_plane - made) * size * sizeof *a[i].planes);
+        status = correct_view(&a[i]);
+    }
+    if (status || !all) return status;
+    float *scratch = prt_alloc(all * size, sizeof *scratch);
+    if (!scratch) return prt_fail(a[0].ctx, PRT_NOMEM, "no memory for %zu planes", all);
     for (unsigned i = 0; i < n; i++) {
-        if (a[i].query->term != PRT_ANSWER_TOTAL) continue;
+        if (!rest_planes(&a[i])) continue;
         part[m] = a[i];
         part[m].part = ALL_BUT_SINGLE;
-        part[m].n_plane = 1;
-        part[m].planes = scratch + m * size;
-        m++;
+        part[m].n_plane = rest_planes(&a[i]);
+        part[m].planes = scratch + at * size;
+        at += part[m++].n_plane;
     }
     status = fill_many(part, m);
-    for (unsigned i = 0, k = 0; i < n && !status; i++) {
-        if (a[i].query->term != PRT_ANSWER_TOTAL) continue;
-        struct plane_job job = {.in = scratch + k++ * size, .out = a[i].planes};
-        status =
-            prt_parallel_for(a[i].ctx, NULL, a[i].n_vertex, VERTEX_GRAIN, add_scratch, &job);
-    }
+    at = 0;
+    for (unsigned i = 0; i < n; i++)
+        for (unsigned k = 0; k < rest_planes(&a[i]) && !status; k++) {
+            struct plane_job job = {.in = scratch + at++ * size, .out = a[i].planes + k * size};
+            status = prt_parallel_for(a[i].ctx, NULL, a[i].n_vertex, VERTEX_GRAIN, add_scratch,
+                                      &job);
+        }
     prt_free(scratch);
     return status;
 }

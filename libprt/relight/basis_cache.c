@@ -39,7 +39,7 @@ static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static struct prt_radial_options options_of(const struct prt_transport *transport,
                                             const struct prt_tensor *tensor)
 {
-    bool single = tensor->term == PRT_TERM_SINGLE;
+    bool single = prt_term_is_single(tensor->term);
     double eta[PRT_MEDIA_MAX];
     uint32_t n = prt_media_etas(&transport->media, eta); // bakes have at most the basis' number
     struct prt_radial_options o = {.kind = (enum prt_radial_kind)tensor->basis_kind,
@@ -246,7 +246,7 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
     f.key = key_of(&options, tensor);
     for (uint32_t i = 0; i < media->n && !status; i++) {
         const struct prt_material *m = &media->medium[i];
-        if (tensor->term == PRT_TERM_SINGLE && m->profile) // it has no single scattering
+        if (prt_term_is_single(tensor->term) && m->profile) // it has no single scattering
             memset(coef + i * n, 0, n * sizeof *coef);
         else status = fit_one(&f, m, coef + i * n, &error[i]);
     }
@@ -262,7 +262,7 @@ int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *tr
     for (uint32_t i = 0; i < media->n; i++) worst = fmax(worst, error[i]);
     if (!status && worst > 0.02)
         prt_log(ctx, PRT_LOG_WARNING, "the transport's %s basis loses %.1f %% of this material",
-                tensor->term == PRT_TERM_SINGLE ? "extinction" : "reflectance", 100 * worst);
+                prt_term_is_single(tensor->term) ? "extinction" : "reflectance", 100 * worst);
     return status;
 }
 
@@ -289,7 +289,7 @@ static int media_error(const struct prt_context *ctx, const struct prt_transport
     int status = PRT_OK;
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
         const struct prt_tensor *t = &transport->tensor[i];
-        bool single = t->term == PRT_TERM_SINGLE;
+        bool single = prt_term_is_single(t->term);
         if (!t->n_knot || t->n_radial > 256) continue;
         if (term != PRT_ANSWER_TOTAL && single != (term == PRT_ANSWER_SINGLE)) continue;
         status = fit(ctx, transport, t, media, coef, one);

@@ -29,7 +29,7 @@ static int plane_coefs(const struct prt_context *ctx, const struct prt_transport
     for (uint32_t m = media->n; m-- > 0 && !status;)
         for (uint32_t k = t->n_phase; k-- > 0;) {
             float factor[3] = {1, 1, 1}, *to = coef + (m * t->n_phase + k) * n;
-            if (t->term == PRT_TERM_SINGLE)
+            if (prt_term_is_single(t->term))
                 prt_phase_plane_factor(&media->medium[m], t, k, factor);
             for (size_t i = 0; i < n; i++) to[i] = coef[m * n + i] * factor[i % 3];
         }

@@ -65,6 +65,7 @@ static struct prt_bake_options bake_options(const struct options *o,
         .n_phase = (uint32_t)o->phase_terms,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
+        .no_view = o->no_view,
         .draft = o->draft,
         .scattering = o->scattering && !strcmp(o->scattering, "walk") ? PRT_SCATTERING_WALK
                                                                       : PRT_SCATTERING_DIPOLE,
@@ -150,8 +151,7 @@ static void report_errors(const char *errors)
             100 * sky, 100 * dark->valuedouble, 100 * bright->valuedouble);
     double view = number_of(root, "single_toward_eyes", "worst");
     if (view >= 0) {
-        print_error("single scattering towards an eye, which is corrected for the view only on "
-                    "average:",
+        print_error("single scattering towards an eye, the mean of four around the model:",
                     view);
         putchar('\n');
     }

@@ -221,8 +221,8 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     double rank = 0;
     for (uint32_t i = 0; i < t->n_cluster; i++)
         rank += (double)t->cluster[i].rank * t->cluster[i].n_vertex;
-    static const char *const terms[] = {"multiple", "single", "unscattered"};
-    cJSON_AddStringToObject(o, "term", t->term < 3 ? terms[t->term] : "unknown");
+    static const char *const terms[] = {"multiple", "single", "unscattered", "view"};
+    cJSON_AddStringToObject(o, "term", t->term < 4 ? terms[t->term] : "unknown");
     cJSON_AddStringToObject(o, "storage", t->storage < 3 ? storages[t->storage] : "unknown");
     cJSON_AddStringToObject(o, "coupling",
                             t->coupling == PRT_COUPLE_FULL ? "full" : "diagonal");

@@ -120,7 +120,7 @@ const struct option_row option_table[] = {
      "resolution of the light for the reference engine (default: the .prt's, else 32)"},
     {"draft", 0, NULL, OPTION_FLAG, AT(draft), 0, 0, NULL, BAKE,
      "a first bake of some 3 % error in a tenth of the time: --cube 16 --samples 20000 "
-     "--max-error 0.05 --no-single, unless given, and coarser inside"},
+     "--max-error 0.05, unless given, single scattering from few vertices, and coarser inside"},
     {"profile", 0, NULL, OPTION_FLAG, AT(profile), 0, 0, NULL, BAKE,
      "print CPU seconds, rays and operations of each kind of work beside the machine's rates; "
      "takes a second more"},
@@ -153,6 +153,8 @@ const struct option_row option_table[] = {
      "single scattering: paths a vertex (default 4096)"},
     {"no-single", 0, NULL, OPTION_FLAG, AT(no_single), 0, 0, NULL, BAKE,
      "leave single scattering out"},
+    {"no-view", 0, NULL, OPTION_FLAG, AT(no_view), 0, 0, NULL, BAKE,
+     "leave out the planes that correct single scattering towards an eye"},
     {"every-ray", 0, NULL, OPTION_FLAG, AT(every_ray), 0, 0, NULL, BAKE,
      "trace every ray of single scattering, without reuse; for measurements"},
     {"straight", 0, NULL, OPTION_FLAG, AT(straight), 0, 0, NULL, COLORS | IMAGE,

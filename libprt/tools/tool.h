@@ -64,7 +64,7 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, profile, draft, no_single, every_ray, straight, full_float, measure_error,
+    bool json, quiet, profile, draft, no_single, no_view, every_ray, straight, full_float, measure_error,
         no_textures, floor;
 };
 

@@ -322,7 +322,7 @@ static bool good_shape(const struct prt_tensor *t)
     static const uint32_t phases[] = {1, 4, 9, 16};
     bool phase = false;
     for (int i = 0; i < 4; i++) phase |= t->n_phase == phases[i];
-    if (!phase || t->term > PRT_TERM_UNSCATTERED || t->storage > PRT_STORAGE_RADIAL ||
+    if (!phase || t->term > PRT_TERM_VIEW || t->storage > PRT_STORAGE_RADIAL ||
         t->coupling > PRT_COUPLE_FULL || t->n_radial > 1024)
         return false;
     if (t->storage == PRT_STORAGE_SPARSE && t->n_cluster) return false;

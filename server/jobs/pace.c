@@ -34,7 +34,10 @@ static const struct {
 static const struct {
     const char *stage;
     double from, to;
-} draft_part[] = {{"irradiance", 0, 0.4}, {"multiple", 0.4, 0.8}, {"measuring", 0.8, 1}};
+} draft_part[] = {{"irradiance", 0, 0.35},
+                  {"multiple", 0.35, 0.7},
+                  {"single", 0.7, 0.8},
+                  {"measuring", 0.8, 1}};
 
 void pace_plan(struct pace *p, const struct pace_kind *kind, const struct pace_history *history)
 {

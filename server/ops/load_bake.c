@@ -64,6 +64,7 @@ void load_add_draft(struct load_args *a, const struct load *load)
     const Relight__LoadRequest *r = load_message(load);
     const Relight__BakeSettings *b = r->bake;
     load_add_arg(a, "--draft");
+    if (b && b->no_single) load_add_arg(a, "--no-single");
     load_add_arg(a, "--transport=%s", load_is_joint(load) ? "joint" : "wavelet");
     for (unsigned i = 0; i < load->n_material; i++)
         load_add_arg(a, "--material=%s", load->material[i].arg);

@@ -55,7 +55,9 @@ static void plan(struct factors *f, const struct prt_transport *t)
     size_t at = 0, skipped;
     f->n_vertex = t->mesh.n_vertex;
     f->n_tensor = t->n_tensor;
-    for (uint32_t i = 0; i < t->n_tensor; i++) {
+    // no coefficients are of the planes of exit, which follow the other tensors
+    while (f->n_tensor && t->tensor[f->n_tensor - 1].term == PRT_TERM_VIEW) f->n_tensor--;
+    for (uint32_t i = 0; i < f->n_tensor; i++) {
         const struct prt_tensor *from = &t->tensor[i];
         struct factor_sections *to = &f->tensor[i];
         to->term = from->term == PRT_TERM_SINGLE ? RELIGHT__TERM__TERM_SINGLE
@@ -106,7 +108,7 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
     plan(f, t);
     f->bytes = prt_calloc(f->size + 1, 1);
     if (!f->bytes) return PRT_NOMEM;
-    for (uint32_t i = 0; i < t->n_tensor; i++) copy_tensor(f, &t->tensor[i], &f->tensor[i]);
+    for (uint32_t i = 0; i < f->n_tensor; i++) copy_tensor(f, &t->tensor[i], &f->tensor[i]);
     job->bytes = sizeof *f + f->size;
     return PRT_OK;
 }

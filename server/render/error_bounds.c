@@ -33,7 +33,7 @@ static float single_error(const struct render *r)
     return view ? fmaxf(f->error_single, f->error_view) : f->error_single;
 }
 
-// Error of a draft's total, which leaves single scattering S out: as measured of the bake's own
+// Error of the total of a draft without single scattering S: as measured of the bake's own
 // medium. For another one at least that of multiple scattering M, and the share of S in M + S,
 // for half-spaces.
 static float draft_error(const struct render *r, const struct prt_media *media)
@@ -56,7 +56,7 @@ static float total_error(const struct render *r)
     const struct model_facts *f = &r->model->facts;
     const struct prt_media *media = render_media(r);
     double larger = fmax((double)f->error_multiple, (double)single_error(r)), worst = 0;
-    if (r->model->single_follows) return draft_error(r, media);
+    if (r->model->single_follows && !(f->error_single > 0)) return draft_error(r, media);
     if (f->error_total > 0 && !r->model->file) return f->error_total;
     if (!(f->error_single > 0)) return f->error_multiple; // no single scattering was baked
     for (uint32_t i = 0; i < media->n; i++) {

@@ -181,53 +181,69 @@ static void rows_agree_with_the_reference(void **state)
     prt_mesh_destroy(mesh);
 }
 
-// Law: a baked file gives the reference's L1 for an eye: along the refracted path as far as the
-// correction of METHODS §3.6 goes, which depends on the body (W05 eq 10, METHODS §3.6). The
-// same answers are farther from the reference along -n_o.
-static void a_baked_file_agrees_with_the_reference(void **state)
+// Answers of a baked file towards the eye.
+static void bake_and_answer(const struct prt_mesh *mesh, const struct prt_bake_options *o,
+                            const struct prt_cube *light, float (*out)[3])
 {
     char path[] = "/tmp/prt-phases-XXXXXX";
     int fd = mkstemp(path);
     assert_true(fd >= 0);
     close(fd);
+    assert_int_equal(prt_bake(&context, mesh, o, path), PRT_OK);
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = light, .eye = eye};
+    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, out), PRT_OK);
+    prt_file_close(f);
+    unlink(path);
+}
+
+// Law: a baked file gives the reference's L1 for an eye (W05 eq 10, METHODS §3.6): along the
+// refracted path as far as the correction of -n_o goes, which depends on the body, and with
+// planes of exit as far as harmonics of degree 2 follow the exact phase function. Answers along
+// -n_o are farther from the reference.
+static void a_baked_file_agrees_with_the_reference(void **state)
+{
+    // for the last channel, g = 0.8, degree 2 is far too low
+    static const double most[2][3] = {{0.12, 0.12, 0.12}, {0.05, 0.05, INFINITY}};
     struct prt_mesh *mesh = body();
     struct prt_cube light = light_of(16);
-    struct prt_bake_options o = {.media = prt_media_one(medium()),
-                                 .n_sample = 2000,
-                                 .cube = 16,
-                                 .n_phase = 9,
-                                 .seed = 1};
     float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
     float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
     float(*along)[3] = calloc(mesh->n_vertex, sizeof *along);
     assert_true(want && got && along);
-    reference(mesh, o.media.medium, &light, 9, false, want);
-    reference(mesh, o.media.medium, &light, 9, true, along);
-    assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
-    struct prt_file *f;
-    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
-    struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = &light, .eye = eye};
-    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, got), PRT_OK);
-    double error[3],
-        uncorrected[3]; // a cut phase function may be negative, a colour of an answer is not
-    for (uint32_t v = 0; v < mesh->n_vertex; v++)
+    for (int view = 0; view < 2; view++) {
+        const unsigned n_term = view ? 0 : 9; // 0: the exact phase function
+        const struct prt_bake_options o = {.media = prt_media_one(medium()),
+                                           .n_sample = 2000,
+                                           .cube = 16,
+                                           .n_phase = 9,
+                                           .no_view = !view,
+                                           .seed = 1};
+        double error[3], uncorrected[3];
+        reference(mesh, o.media.medium, &light, n_term, false, want);
+        reference(mesh, o.media.medium, &light, n_term, true, along);
+        bake_and_answer(mesh, &o, &light, got);
+        // a cut phase function may be negative, a colour of an answer is not
+        for (uint32_t v = 0; v < mesh->n_vertex; v++)
+            for (int c = 0; c < 3; c++) {
+                want[v][c] = fmaxf(want[v][c], 0);
+                along[v][c] = fmaxf(along[v][c], 0);
+            }
+        channel_errors(mesh, (const float(*)[3])along, (const float(*)[3])want, uncorrected);
+        channel_errors(mesh, (const float(*)[3])got, (const float(*)[3])want, error);
+        print_message("baked file, %s: %.2f %%, %.2f %%, %.2f %%; along -n_o %.2f %%, %.2f "
+                      "%%, %.2f %%\n",
+                      view ? "planes of exit" : "9 terms", 100 * error[0], 100 * error[1],
+                      100 * error[2], 100 * uncorrected[0], 100 * uncorrected[1],
+                      100 * uncorrected[2]);
         for (int c = 0; c < 3; c++) {
-            want[v][c] = fmaxf(want[v][c], 0);
-            along[v][c] = fmaxf(along[v][c], 0);
+            expect_below("relative RMSE towards an eye", error[c], most[view][c]);
+            if (most[view][c] < 1)
+                expect_below("of the error without the correction", error[c] / uncorrected[c],
+                             0.8);
         }
-    channel_errors(mesh, (const float(*)[3])along, (const float(*)[3])want, uncorrected);
-    channel_errors(mesh, (const float(*)[3])got, (const float(*)[3])want, error);
-    print_message(
-        "baked file, 9 terms: %.2f %%, %.2f %%, %.2f %%; along -n_o %.2f %%, %.2f %%, "
-        "%.2f %%\n",
-        100 * error[0], 100 * error[1], 100 * error[2], 100 * uncorrected[0],
-        100 * uncorrected[1], 100 * uncorrected[2]);
-    for (int c = 0; c < 3; c++) {
-        expect_below("relative RMSE towards an eye", error[c], 0.12);
-        expect_below("of the error without the correction", error[c] / uncorrected[c], 0.8);
     }
-    prt_file_close(f);
-    unlink(path);
     free(want), free(got), free(along);
     prt_cube_finish(&light);
     prt_mesh_destroy(mesh);

@@ -723,6 +723,52 @@ static void toward_a_view(const struct prt_transport *t, const float *multiple, 
     for (int i = 0; i < 3 * N; i++) planes[i] += multiple[i];
 }
 
+// Planes of exit are added to the corrected planes of an answer with a view, on translucent
+// vertices, and answers without one are as before (METHODS §3.6).
+static void planes_of_exit_are_added(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube;
+    struct synthetic_options view = kind[1];
+    const float eye[3] = {30, 80, 10};
+    struct prt_query q = {.light = &cube, .term = PRT_ANSWER_TOTAL};
+    float *flat = malloc(12 * N), *again = malloc(12 * N), *own = malloc(9 * 12 * N);
+    float *before = calloc(9 * 3 * N, 4), *after = malloc(9 * 12 * N);
+    unsigned n_plane;
+    some_cube(&cube);
+    transport_of(&t, &kind[0], &kind[1]);
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])flat), 0);
+    q.eye = eye;
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, before), 0);
+    assert_int_equal(n_plane, 4);
+    view.n_phase = 9;
+    view.term = PRT_TERM_VIEW;
+    view.seed = 41;
+    assert_int_equal(synthetic_tensor(&view, &t.tensor[t.n_tensor++]), 0);
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, after), 0);
+    assert_int_equal(n_plane, 9);
+    struct prt_light light;
+    const struct prt_light *lights[1] = {&light};
+    assert_int_equal(prt_light_from_cube(&cube, &light), 0);
+    assert_int_equal(prt_relight(&ctx, &t.tensor[2], 1, lights, NULL, false, own), 0);
+    for (int k = 0; k < 9; k++)
+        for (int i = 0; i < 3 * N; i++) {
+            const bool opaque = i / 3 >= N - N / 4;
+            const double gain = 0.938868 * (k ? 1 : 0.28209479),
+                         base = (double)before[k * 3 * N + i];
+            const double want = base + (opaque ? 0 : gain * (double)own[k * 3 * N + i]);
+            assert_true(fabs((double)after[k * 3 * N + i] - want) < 1e-3 * (1 + fabs(want)));
+        }
+    q.eye = NULL;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])again), 0);
+    assert_memory_equal(again, flat, 12 * N);
+    prt_light_finish(&light);
+    prt_cube_finish(&cube);
+    finish_transport(&t);
+    free(flat), free(again), free(own), free(before), free(after);
+}
+
 // A half-space lit from one direction: single scattering along the path to the eye is (1 +
 // 1/mu_i') / (1 + mu_o'/mu_i') times that along -n_o (METHODS §8). mu_i' is not known to the
 // correction.
@@ -1033,6 +1079,7 @@ int main(void)
         cmocka_unit_test(fewer_rows_are_a_smaller_transport),
         cmocka_unit_test(wrong_queries_are_refused),
         cmocka_unit_test(answers_follow_the_command_contract),
+        cmocka_unit_test(planes_of_exit_are_added),
         cmocka_unit_test(half_space_seen_from_the_side),
         cmocka_unit_test(free_materials_follow_the_basis),
     };

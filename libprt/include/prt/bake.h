@@ -56,12 +56,13 @@ struct prt_bake_options {
                         * isotropic medium, else 4 */
     uint32_t n_single; /* single-scattering points a vertex of every_ray; 0: 16 */
     bool no_single;    /* leaves single scattering out */
+    bool no_view;      /* leaves its planes of exit out, which answers with an eye add */
     bool every_ray;    /* single scattering with a ray for every texel and point, for
                         * measurements */
     double max_error;  /* relative RMSE of the storage; 0: 0.01 */
     bool draft; /* some 3 % in a tenth of the time: other defaults (cube 16, 20000 samples,
-                 * max_error 0.05), no single scattering, a coarser cut of the hierarchy,
-                 * and one ray of four where four agree (METHODS §3.8) */
+                 * max_error 0.05), single scattering interpolated from few vertices, a coarser
+                 * cut of the hierarchy, and one ray of four where four agree (METHODS §3.8) */
     const struct prt_env *env; /* polynomial: the fixed light */
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:

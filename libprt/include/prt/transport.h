@@ -14,8 +14,19 @@ extern "C" {
 #endif
 
 /* MULTIPLE by the dipole, or by walks (METHODS §9) of two scatterings or more; then UNSCATTERED
- * is there too, gathered like MULTIPLE. */
-enum prt_term { PRT_TERM_MULTIPLE = 0, PRT_TERM_SINGLE = 1, PRT_TERM_UNSCATTERED = 2 };
+ * is there too, gathered like MULTIPLE. VIEW: what single scattering towards an eye has above
+ * SINGLE corrected by prt_view_correct; answers without a view leave it out. */
+enum prt_term {
+    PRT_TERM_MULTIPLE = 0,
+    PRT_TERM_SINGLE = 1,
+    PRT_TERM_UNSCATTERED = 2,
+    PRT_TERM_VIEW = 3,
+};
+/* Whether a term is 0 on opaque surfaces and has the extinction's radial basis. */
+static inline bool prt_term_is_single(uint32_t term)
+{
+    return term == PRT_TERM_SINGLE || term == PRT_TERM_VIEW;
+}
 enum prt_storage { PRT_STORAGE_FACTORED = 0, PRT_STORAGE_SPARSE = 1, PRT_STORAGE_RADIAL = 2 };
 enum prt_value { PRT_VALUE_I8 = 0, PRT_VALUE_F16 = 1, PRT_VALUE_PAIR = 2 };
 
