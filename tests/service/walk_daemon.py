@@ -61,11 +61,11 @@ def check():
 def free_media(lit):
     """Walks of a free medium: the daemon edits it, and its answers are prt's."""
     settings = ['--size-mm', '10', '--samples', '2000', '--cube', '16', '--seed', '3', *WALKS]
-    run('prt', 'bake', 'ball.obj', *settings, '-o', 'free.prt', '--quiet')
+    prt('bake', 'ball.obj', *settings, '-o', 'free.prt', '--quiet')
     relight('load', 'ball.obj', *settings, '--name', 'joint', '--wait')
     for medium in ('skin1', 'ketchup'):
         given = ['--material', medium]
-        run('prt', 'colors', 'free.prt', *given, *lit, '-o', 'want.csv')
+        prt('colors', 'free.prt', *given, *lit, '-o', 'want.csv')
         relight('colors', 'joint', *given, *lit, '-o', 'got.csv')
         same('got.csv', 'want.csv', 1e-5)
     said = relight('colors', 'joint', '--material', '{"sigma_s_prime":300,"sigma_a":0,"eta":1.3}', *lit,
