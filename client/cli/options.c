@@ -152,7 +152,7 @@ static const struct row {
      RELIGHT_STORAGE_FACTORED, "factored (default) or sparse"},
     {'Q', "scattering", "KIND", WORD, AT(load.bake.scattering), 0, 0, scatterings,
      RELIGHT_SCATTERING_DIPOLE,
-     "multiple scattering of a wavelet bake: dipole (default), or walk, random walks inside the "
+     "multiple scattering: dipole (default), or walk, random walks inside the "
      "model"},
     // The daemon checks the ranges of a bake's settings.
     {'L', "walks", "N", WHOLE, AT(load.bake.walks), 1, UINT32_MAX, NULL, 0,

@@ -87,8 +87,6 @@ static int check_options(const struct prt_context *ctx, const struct prt_mesh *m
     if (o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
                         6 * o->cube * o->cube);
-    if (o->engine != PRT_TRANSPORT_WAVELET && o->scattering == PRT_SCATTERING_WALK)
-        return prt_fail(ctx, PRT_ARG, "--scattering walk goes with --transport wavelet only");
     if (o->engine != PRT_TRANSPORT_WAVELET && o->storage == PRT_STORAGE_SPARSE)
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
     if (o->draft && o->engine == PRT_TRANSPORT_POLYNOMIAL)
@@ -384,15 +382,17 @@ static int take_walks(const struct tensor_job *job, uint32_t c, struct product_r
     const uint32_t m = job->lit->n_light;
     struct walk_answers walks = {0};
     float *smooth = NULL, *dipole = prt_alloc((size_t)3 * rows->n_vertex * m, sizeof *dipole);
-    int status = dipole ? PRT_OK : PRT_NOMEM;
+    float *like = dipole ? prt_walk_likeness(b, c) : NULL;
+    int status = like ? PRT_OK : PRT_NOMEM;
     if (status == PRT_OK) status = prt_product_multiply(rows, job->lit->light, m, dipole);
     if (status == PRT_OK) status = prt_walks_fill(job, c, cut, &walks);
     const uint64_t started = prt_work_begin();
     if (status == PRT_OK)
-        status = prt_walks_smooth(b, c, dipole, &walks, &smooth, factor, b->walk->noise[c]);
+        status = prt_walks_smooth(b, like, dipole, &walks, &smooth, factor, b->walk->noise[c]);
     prt_work_end(job->work, WORK_SMOOTH, started, 0, 0);
     prt_walk_answers_finish(&walks);
     prt_free(dipole);
+    prt_free(like);
     rows->smooth = smooth;
     return status;
 }
@@ -785,7 +785,7 @@ static int measure_and_write(struct bake *b, const char *out_path)
 {
     char *errors = NULL;
     uint64_t started = prt_work_begin_all();
-    int status = b->surface ? examine(b, &errors) : PRT_OK;
+    int status = b->surface && !b->o.unmeasured ? examine(b, &errors) : PRT_OK;
     if (!status) prt_work_end_all(&b->work, WORK_ERRORS, started);
     if (!status) status = add_blocked(b);
     if (status) {

@@ -21,6 +21,7 @@
 #include "bake/run.h"
 #include "prt/bake_limits.h"
 #include "prt/radial.h"
+#include "prt/walk_grid.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -170,13 +171,29 @@ static double single_bytes(const struct demand *d, double functions)
     return cells + rays;
 }
 
+// A thread's arrays of a free medium's walks in a cluster: answers and smoothing matrices of all
+// media of the grid, hits, and the work on one level.
+static double free_walk_bytes(const struct demand *d)
+{
+    struct prt_walk_grid grid;
+    prt_walk_grid_default(&grid);
+    const bool joint = d->b->o.engine == PRT_TRANSPORT_JOINT;
+    const double n = d->widest, lights = joint ? JOINT_PROBES + 6 : 3, nodes = grid.n_node;
+    const double media = grid.n_level * nodes, walks = d->b->o.n_walk ? d->b->o.n_walk : 256;
+    const double hits = joint ? grid.n_level * walks * n * 8 : 0;
+    const double fields = media * n * 24 * 12; // of the clusters that choose the functions
+    return fmax(media * n * lights * 4, fields) + media * n * n * 4 + hits +
+           3 * nodes * n * lights * 4 + n * n * (nodes * 12 + 6 * 4 + 16) + d->samples * 4;
+}
+
 // A thread's arrays of walks in a cluster: the halves' and the dipole's answers, the smoothing
 // of three channels, and its work in doubles. The grid of distances is beside them.
 static double walk_bytes(const struct demand *d)
 {
     const double n = d->widest, probes = WAVELET_PROBES;
     if (d->b->o.scattering != PRT_SCATTERING_WALK) return 0;
-    return 3 * n * probes * 12 + 3 * n * n * 4 + 5 * n * n * 8 + n * probes * 40 +
+    if (d->b->o.engine != PRT_TRANSPORT_WAVELET) return free_walk_bytes(d);
+    return 3 * n * probes * 12 + 9 * n * n * 4 + 5 * n * n * 8 + n * probes * 40 +
            d->samples * 4 + 2e6 / d->threads;
 }
 
@@ -203,11 +220,12 @@ static double stages(struct demand *d, double rows)
         double kept = d->vertices * 6 * (multiple + single) + (d->samples + d->nodes) * 12;
         double cut = multiple * d->widest * columns * 4 + columns * 16;
         double rays = single_bytes(d, 0) - d->widest * d->coef * 4.0;
-        return kept + fmax(d->threads * fmax(cut, rays), horizon(d));
+        return kept + fmax(d->threads * fmax(cut + walk_bytes(d), rays), horizon(d));
     }
     double probes = joint ? JOINT_PROBES : WAVELET_PROBES, lights = d->coef * probes * 4;
     double lit = sparse ? 0 : (d->samples + d->nodes) * (probes + 6) * 4;
-    if (o->scattering == PRT_SCATTERING_WALK) lit = (d->samples + d->nodes) * probes * 4;
+    if (o->scattering == PRT_SCATTERING_WALK && !joint)
+        lit = (d->samples + d->nodes) * probes * 4;
     double first = rows + horizon(d), second, third = 0;
     if (sparse) {
         second = rows + lit + sparse_bytes(d, multiple) +

@@ -3,7 +3,7 @@
 // wavelet transport with a radial basis in place of one medium's R_d, and one U serves training
 // materials over the whole range.
 #include "bake/checkpoint.h"
-#include "bake/radials.h"
+#include "bake/free_walks.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
 #include "bake/view_fit.h"
@@ -14,14 +14,35 @@
 struct joint {
     struct bake *b;
     struct bases bases;
+    struct walk_pool pool; // of a bake by walks
 };
+
+// Rows of a cluster by walks; with holes, by the dipole as a combination of the same functions.
+static int take_walks(const struct tensor_job *job, uint32_t c, struct product_rows *product)
+{
+    const struct bake *b = job->bake;
+    const struct joint *j = job->user;
+    struct walk_rows rows = {
+        .pool = &j->pool, .product = product, .medium = prt_bake_medium(b, c)};
+    const struct free_walks_job walk = {b,         &j->pool, product->cut,    job->lit,
+                                        job->work, c,        b->walk->n_walk, true};
+    const struct row_source source = {&rows, product->n_vertex, prt_walk_rows_multiply, NULL,
+                                      prt_walk_rows_combine};
+    int status = prt_walks_in(b, c) ? prt_free_walks_run(&walk, &rows.walks) : PRT_OK;
+    memcpy(b->walk->noise[c], rows.walks.noise, sizeof rows.walks.noise);
+    if (!status) status = prt_bake_take_rows(job, c, &source);
+    prt_free_walks_finish(&rows.walks);
+    return status;
+}
 
 static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct tensor_job *job = arg;
     const struct bake *b = job->bake;
-    struct radial_set radial = prt_bases_radial_set(job->user);
+    const struct joint *j = job->user;
+    struct radial_set radial = prt_bases_radial_set(&j->bases);
     int status = PRT_OK;
+    prt_trace_thread_init();
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
@@ -34,7 +55,9 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
             job->work,      NULL};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
-        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        if (status == PRT_OK)
+            status = b->walk ? take_walks(job, (uint32_t)c, &rows)
+                             : prt_bake_take_rows(job, (uint32_t)c, &source);
         prt_cut_finish(&cut);
     }
     return status;
@@ -79,10 +102,35 @@ static int bake_multiple(struct joint *j, const struct probes *probes)
                              .n_phase = 1,
                              .probes = probes,
                              .training = j->bases.training,
-                             .n_training = j->bases.n_training,
-                             .user = &j->bases};
-    int status = prt_bases_train_reflectance(j->b, &j->bases);
-    return status ? status : radial_tensor(&job, j->bases.reflectance);
+                             .user = j};
+    int status = j->b->walk ? prt_walk_pool_train(&j->pool, &j->bases)
+                            : prt_bases_train_reflectance(j->b, &j->bases);
+    if (status) return status;
+    job.n_training = j->bases.n_training;
+    if (!j->b->walk) return radial_tensor(&job, j->bases.reflectance);
+    job.n_function = j->pool.n_function;
+    status = prt_bake_tensor(&job);
+    if (status) return status;
+    struct prt_tensor *t = &j->b->out.tensor[j->b->out.n_tensor - 1];
+    t->coupling = PRT_COUPLE_FULL;
+    return prt_walk_pool_record(&j->pool, t);
+}
+
+// Light that crosses without a scattering: by the extinction's functions of the path.
+static int bake_unscattered(struct joint *j, const struct probes *probes)
+{
+    struct tensor_job job = {.bake = j->b,
+                             .term = PRT_TERM_UNSCATTERED,
+                             .stage = "unscattered light",
+                             .range = prt_bake_free_unscattered_range,
+                             .n_function = j->bases.extinction->n_function,
+                             .n_phase = 1,
+                             .probes = probes,
+                             .training = j->bases.training,
+                             .n_training = 1,
+                             .user = j->bases.extinction};
+    int status = prt_bases_train_extinction(j->b, &j->bases, 1);
+    return status ? status : radial_tensor(&job, j->bases.extinction);
 }
 
 // Opaque clusters in a tensor of three channels, which no material multiplies.
@@ -136,7 +184,9 @@ static int bake_terms(struct joint *j)
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
     int status = prt_probes_create(b, JOINT_PROBES, &probes);
+    if (status == PRT_OK && b->walk) status = prt_walk_pool_create(b, &j->bases, &j->pool);
     if (status == PRT_OK) status = bake_multiple(j, &probes);
+    if (status == PRT_OK && b->walk) status = bake_unscattered(j, &probes);
     prt_half_rows_finish(&b->irradiance);
     if (status == PRT_OK && opaque) status = bake_opaque(b);
     if (status == PRT_OK && !b->o.no_single) status = bake_single(j, &probes);
@@ -154,5 +204,6 @@ int prt_bake_joint(struct bake *b)
     if (status == PRT_OK) status = prt_bake_irradiance(b);
     if (status == PRT_OK) status = bake_terms(&j);
     prt_bases_finish(&j.bases);
+    prt_walk_pool_finish(&j.pool);
     return status;
 }

@@ -3,7 +3,7 @@
 // stays free as coefficients of radial functions. T_j (X07 eq 10) is summed over the cut of the
 // hierarchy, S_j (X07 eq 15) over directions drawn from the light.
 #include "bake/checkpoint.h"
-#include "bake/radials.h"
+#include "bake/polynomial_walks.h"
 #include "bake/shard.h"
 
 #include "prt/light.h"
@@ -23,6 +23,7 @@ struct polynomial {
     struct light_rays *rays;
     float (*irradiance)[3]; // samples in tree order, then nodes: means under the light
     struct prt_tensor *tensor;
+    struct polynomial_walks walks; // of a bake by walks
 };
 
 // E at x under the fixed light: sum F_t V L (n.w) over one pattern; fresnel NULL: 1 (opaque).
@@ -108,14 +109,6 @@ static int irradiance(struct polynomial *p)
     return status;
 }
 
-static uint16_t *column(const struct prt_tensor *t, const struct prt_cluster *cluster,
-                        uint32_t j, int channel)
-{
-    uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
-    return (uint16_t *)(uintptr_t)t->u + cluster->u_begin +
-           ((size_t)j * 3 + (size_t)channel) * padded;
-}
-
 static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct polynomial *p = arg;
@@ -142,7 +135,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
             }
             for (int ch = 0; ch < 3; ch++)
                 prt_f32_to_f16_array(sum + (size_t)ch * n, n,
-                                     column(p->tensor, cluster, j, ch));
+                                     prt_radial_column(p->tensor, cluster, j, ch));
         }
         prt_free(sum);
         prt_cut_finish(&cut);
@@ -175,7 +168,7 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
                 prt_single_light(&b->single[medium], &fresnel[medium], v, &light, out, scratch);
             for (uint32_t j = 0; j < F; j++)
                 for (int ch = 0; ch < 3; ch++)
-                    column(p->tensor, cluster, j, ch)[i] =
+                    prt_radial_column(p->tensor, cluster, j, ch)[i] =
                         prt_f32_to_f16(out[j * 3 + (uint32_t)ch]);
         }
     }
@@ -185,14 +178,14 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-// An empty RADIAL tensor over all clusters, in which opaque clusters have no columns. radial
-// NULL: a tensor of the opaque clusters alone, with one colour a vertex.
+// An empty RADIAL tensor over all clusters, in which opaque clusters have no columns. n_radial
+// 0: a tensor of the opaque clusters alone, with one colour a vertex.
 static int add_tensor(struct polynomial *p, enum prt_term term, uint32_t n_phase,
-                      const struct prt_radial *radial)
+                      uint32_t n_radial)
 {
     struct bake *b = p->b;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor++];
-    uint32_t nc = b->clusters->n_cluster, J = radial ? radial->n_function * n_phase : 1;
+    uint32_t nc = b->clusters->n_cluster, J = n_radial ? n_radial * n_phase : 1;
     struct prt_cluster *cluster = prt_calloc(nc, sizeof *cluster);
     uint32_t *order = prt_alloc(b->mesh->n_vertex, sizeof *order);
     uint64_t u = 0;
@@ -201,7 +194,7 @@ static int add_tensor(struct polynomial *p, enum prt_term term, uint32_t n_phase
     if (!cluster || !order) return PRT_NOMEM;
     for (uint32_t c = 0; c < nc; c++) {
         cluster[c] = b->clusters->cluster[c];
-        cluster[c].rank = !b->clusters->translucent[c] == !radial ? J : 0;
+        cluster[c].rank = !b->clusters->translucent[c] == !n_radial ? J : 0;
         cluster[c].u_begin = u;
         u += (uint64_t)cluster[c].rank * 3 * ((cluster[c].n_vertex + 15) / 16 * 16);
     }
@@ -216,8 +209,14 @@ static int add_tensor(struct polynomial *p, enum prt_term term, uint32_t n_phase
     t->n_function = J;
     t->n_phase = t->n_radial = 1;
     p->tensor = t;
-    if (!t->u) return PRT_NOMEM;
-    return radial ? prt_bases_record(radial, n_phase, t) : PRT_OK;
+    return t->u ? PRT_OK : PRT_NOMEM;
+}
+
+static int add_radial(struct polynomial *p, enum prt_term term, uint32_t n_phase,
+                      const struct prt_radial *radial)
+{
+    int status = add_tensor(p, term, n_phase, radial->n_function);
+    return status ? status : prt_bases_record(radial, n_phase, p->tensor);
 }
 
 // Opaque vertices: albedo/pi E, which does not depend on the material.
@@ -243,7 +242,7 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
                 for (int ch = 0; ch < 3; ch++) all[ch] += sum[ch] / PATTERNS_A_VERTEX;
             }
             for (int ch = 0; ch < 3; ch++)
-                column(p->tensor, cluster, 0, ch)[i] =
+                prt_radial_column(p->tensor, cluster, 0, ch)[i] =
                     prt_f32_to_f16((float)(all[ch] * (double)albedo[ch] / M_PI));
         }
     }
@@ -251,11 +250,32 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-static int bake_clusters(struct polynomial *p, const char *stage, prt_loop_fn range)
+static int bake_clusters(struct polynomial *p, const char *stage, prt_loop_fn range, void *arg)
 {
     const struct slot slot = {SLOT_RADIAL, 0, p->tensor};
     bool part;
-    return prt_shard_for(p->b, stage, range, p, &slot, &part);
+    return prt_shard_for(p->b, stage, range, arg, &slot, &part);
+}
+
+// Multiple scattering and unscattered light by walks.
+static int bake_walks(struct polynomial *p)
+{
+    struct polynomial_walks *w = &p->walks;
+    float *value = p->irradiance ? p->irradiance[0] : NULL;
+    *w = (struct polynomial_walks){.b = p->b, .bases = &p->bases, .lit = {3, value, value}};
+    int status = prt_walk_pool_create(p->b, &p->bases, &w->pool);
+    if (status) return status;
+    status = add_tensor(p, PRT_TERM_MULTIPLE, 1, w->pool.n_function);
+    w->tensor = p->tensor;
+    if (!status) status = prt_walk_pool_record(&w->pool, p->tensor);
+    if (!status)
+        status = bake_clusters(p, "multiple scattering", prt_polynomial_walks_multiple, w);
+    if (!status) status = add_radial(p, PRT_TERM_UNSCATTERED, 1, p->bases.extinction);
+    w->tensor = p->tensor;
+    if (!status)
+        status = bake_clusters(p, "unscattered light", prt_polynomial_walks_unscattered, w);
+    prt_walk_pool_finish(&w->pool);
+    return status;
 }
 
 static int bake_multiple(struct polynomial *p)
@@ -264,11 +284,13 @@ static int bake_multiple(struct polynomial *p)
     bool opaque = false;
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
-    int status = add_tensor(p, PRT_TERM_MULTIPLE, 1, p->bases.reflectance);
-    if (status == PRT_OK) status = bake_clusters(p, "multiple scattering", multiple_range);
+    int status =
+        b->walk ? bake_walks(p) : add_radial(p, PRT_TERM_MULTIPLE, 1, p->bases.reflectance);
+    if (status == PRT_OK && !b->walk)
+        status = bake_clusters(p, "multiple scattering", multiple_range, p);
     if (status || !opaque) return status;
-    status = add_tensor(p, PRT_TERM_MULTIPLE, 1, NULL);
-    if (status == PRT_OK) status = bake_clusters(p, "opaque surfaces", opaque_range);
+    status = add_tensor(p, PRT_TERM_MULTIPLE, 1, 0);
+    if (status == PRT_OK) status = bake_clusters(p, "opaque surfaces", opaque_range, p);
     return status;
 }
 
@@ -279,8 +301,8 @@ static int bake_single(struct polynomial *p, const struct prt_cube *light)
     if (status) return status;
     status = prt_bake_plan_single(b, p->bases.integral, SINGLE_RAYS);
     if (status == PRT_OK)
-        status = add_tensor(p, PRT_TERM_SINGLE, b->o.n_phase, p->bases.extinction);
-    if (status == PRT_OK) status = bake_clusters(p, "single scattering", single_range);
+        status = add_radial(p, PRT_TERM_SINGLE, b->o.n_phase, p->bases.extinction);
+    if (status == PRT_OK) status = bake_clusters(p, "single scattering", single_range, p);
     prt_light_rays_destroy(p->rays);
     p->rays = NULL;
     return status;

@@ -85,7 +85,8 @@ int prt_bases_create(const struct bake *b, struct bases *s)
     if (status == PRT_OK) status = prt_radial_create(b->ctx, &o, &s->reflectance);
     for (uint32_t i = 0; i < n_own; i++) prt_profile_finish(&own[i]);
     o.extra = NULL, o.n_extra = 0;
-    if (status == PRT_OK && !b->o.no_single) {
+    // Paths without a scattering are as single scattering's.
+    if (status == PRT_OK && (b->walk || !b->o.no_single)) {
         o.family = PRT_FAMILY_EXTINCTION;
         o.radius_mm = 3 * size;
         // The error of the worst medium; the mean over media is a third of it. A polynomial
@@ -93,13 +94,14 @@ int prt_bases_create(const struct bake *b, struct bases *s)
         o.max_error = (b->o.engine == PRT_TRANSPORT_JOINT ? 1 : 0.2) * b->o.max_error;
         x07_size(b, 8, &o);
         status = prt_radial_create(b->ctx, &o, &s->extinction);
-        if (status == PRT_OK) status = prt_extinction_table_create(s->extinction, &s->integral);
+        if (status == PRT_OK && !b->o.no_single)
+            status = prt_extinction_table_create(s->extinction, &s->integral);
     }
     if (status) prt_bases_finish(s);
     return status;
 }
 
-static void drop_training(struct bases *s)
+void prt_bases_drop_training(struct bases *s)
 {
     for (uint32_t i = 0; i < s->n_training; i++) free(s->training[i].weight);
     s->n_training = 0;
@@ -110,7 +112,7 @@ void prt_bases_finish(struct bases *s)
     prt_radial_destroy(s->reflectance);
     prt_radial_destroy(s->extinction);
     prt_extinction_table_destroy(s->integral);
-    drop_training(s);
+    prt_bases_drop_training(s);
     memset(s, 0, sizeof *s);
 }
 
@@ -212,7 +214,7 @@ int prt_bases_train_reflectance(const struct bake *b, struct bases *s)
     double eta[PRT_MEDIA_MAX];
     const uint32_t n = prt_media_etas(&b->o.media, eta);
     int status = PRT_OK;
-    drop_training(s);
+    prt_bases_drop_training(s);
     for (s->n_training = 0; s->n_training < n && status == PRT_OK; s->n_training++)
         status = train_eta(b, s, eta[s->n_training], &s->training[s->n_training]);
     return status;
@@ -225,7 +227,7 @@ int prt_bases_train_extinction(const struct bake *b, struct bases *s, uint32_t n
     enum { STEPS = 10 };
     uint32_t J = s->extinction->n_function, F = J * n_phase;
     struct training *t0 = &s->training[0];
-    drop_training(s);
+    prt_bases_drop_training(s);
     t0->n = STEPS * n_phase;
     t0->weight = calloc((size_t)t0->n * F, sizeof *t0->weight);
     s->n_training = 1;

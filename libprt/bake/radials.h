@@ -17,6 +17,7 @@ struct bases {
 };
 int prt_bases_create(const struct bake *b, struct bases *out);
 void prt_bases_finish(struct bases *s);
+void prt_bases_drop_training(struct bases *s);
 /* The reflectance basis as the functions of a cut; refers to s. */
 struct radial_set prt_bases_radial_set(const struct bases *s);
 /* Fills s->training for multiple scattering, for each eta of the bake's media in the order of

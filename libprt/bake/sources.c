@@ -117,8 +117,7 @@ int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
     return status;
 }
 
-// q [n][C] times the cut's rows, [n][n_coef].
-static int weigh_rows(const struct product_rows *p, const float *q, uint32_t n, float *out)
+int prt_product_weigh(const struct product_rows *p, const float *q, uint32_t n, float *out)
 {
     uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
     float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
@@ -173,7 +172,7 @@ int prt_product_project(void *user, const float *u, uint32_t r, float *out)
     int status = PRT_OK;
     for (uint32_t f = 0; f < F && C && !status; f++)
         status = weights_of(p, u, r, f, q + (size_t)f * C, (size_t)F * C);
-    if (!status) status = weigh_rows(p, q, r * F, out);
+    if (!status) status = prt_product_weigh(p, q, r * F, out);
     prt_free(q);
     return status;
 }
@@ -192,7 +191,7 @@ int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, cons
             cblas_saxpy((int)C, w[(size_t)i * F + f], one + (size_t)row[i] * C, 1,
                         q + (size_t)i * C, 1);
     }
-    if (!status) status = weigh_rows(p, q, n, out);
+    if (!status) status = prt_product_weigh(p, q, n, out);
     prt_free(one);
     prt_free(q);
     return status;

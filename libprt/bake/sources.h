@@ -26,6 +26,8 @@ int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *r
                         struct lit_rows *out);
 void prt_lit_rows_finish(struct lit_rows *lit);
 
+/* q [n][n_column] times the cut's rows, [n][n_coef]. */
+int prt_product_weigh(const struct product_rows *p, const float *q, uint32_t n, float *out);
 int prt_product_multiply(void *user, const float *x, uint32_t m, float *out);
 int prt_product_project(void *user, const float *u, uint32_t r, float *out);
 int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, const float *w,

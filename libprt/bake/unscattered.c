@@ -4,11 +4,11 @@
 #include "bake/sources.h"
 #include "bake/walks.h"
 
+#include "prt/radial.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { PATHS = 256 }; // a vertex; chosen, not measured
 
 struct gather {
     const struct bake *b;
@@ -28,8 +28,21 @@ static void take_exit(void *arg, const struct prt_walk_exit *exit)
     if (column == UINT32_MAX) return;
     float *k = g->k + (size_t)column * g->n_vertex;
     for (int c = 0; c < 3; c++)
-        k[(size_t)c * g->stride] += (float)((double)exit->weight / (M_PI * PATHS) *
-                                            exp(-g->sigma_t[c] * (double)exit->length_mm));
+        k[(size_t)c * g->stride] +=
+            (float)((double)exit->weight / (M_PI * PRT_UNSCATTERED_PATHS) *
+                    exp(-g->sigma_t[c] * (double)exit->length_mm));
+}
+
+void prt_bake_unscattered_paths(const struct bake *b, uint32_t c, uint32_t v, float sigma_t,
+                                void (*sink)(void *arg, const struct prt_walk_exit *exit),
+                                void *arg)
+{
+    const uint32_t vertex = b->clusters->order[b->clusters->cluster[c].vertex_begin + v];
+    struct prt_walk_start start;
+    prt_walk_start_at(b->walk->space, vertex, b->clusters->object[c],
+                      prt_hash64(&vertex, sizeof vertex, b->o.seed + 0x0c1e), &start);
+    prt_walk_unscattered(b->walk->space, &start, b->o.media.medium[prt_bake_medium(b, c)].eta,
+                         sigma_t, PRT_UNSCATTERED_PATHS, sink, arg);
 }
 
 static int fill(const struct bake *b, uint32_t c, struct cut *cut)
@@ -49,13 +62,8 @@ static int fill(const struct bake *b, uint32_t c, struct cut *cut)
     }
     memset(cut->k, 0, 3 * g.stride * sizeof *cut->k);
     for (uint32_t v = 0; v < cluster->n_vertex; v++) {
-        const uint32_t vertex = b->clusters->order[cluster->vertex_begin + v];
-        struct prt_walk_start start;
-        prt_walk_start_at(b->walk->space, vertex, b->clusters->object[c],
-                          prt_hash64(&vertex, sizeof vertex, b->o.seed + 0x0c1e), &start);
         g.k = cut->k + v;
-        prt_walk_unscattered(b->walk->space, &start, m->eta, (float)least, PATHS, take_exit,
-                             &g);
+        prt_bake_unscattered_paths(b, c, v, (float)least, take_exit, &g);
     }
     prt_free(column);
     return PRT_OK;
@@ -82,6 +90,66 @@ int prt_bake_unscattered_range(void *arg, size_t begin, size_t end, unsigned wor
         const struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                           prt_product_project, prt_product_combine};
         if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        prt_cut_finish(&cut);
+    }
+    return status;
+}
+
+// ---- a free medium
+
+struct free_gather {
+    const struct bake *b;
+    const struct prt_radial *extinction;
+    const uint32_t *column;
+    float *k; // of the vertex at hand
+    size_t n_vertex, stride;
+};
+
+static void take_free_exit(void *arg, const struct prt_walk_exit *exit)
+{
+    const struct free_gather *g = arg;
+    const struct walk_bake *w = g->b->walk;
+    const uint32_t sample = prt_surface_stratum(w->strata, exit->triangle, exit->u, exit->v);
+    if (sample == UINT32_MAX || g->column[w->place[sample]] == UINT32_MAX) return;
+    float value[64], *k = g->k + g->column[w->place[sample]] * g->n_vertex;
+    const float share = exit->weight / ((float)M_PI * PRT_UNSCATTERED_PATHS);
+    prt_radial_eval(g->extinction, 1, &exit->length_mm, value);
+    for (uint32_t j = 0; j < g->extinction->n_function; j++)
+        k[j * g->stride] += share * value[j];
+}
+
+int prt_bake_free_unscattered_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct tensor_job *job = arg;
+    const struct bake *b = job->bake;
+    int status = PRT_OK;
+    prt_trace_thread_init();
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        if (!prt_walks_in(b, (uint32_t)c)) continue;
+        struct cut cut = {0};
+        const uint32_t n = b->clusters->cluster[c].n_vertex, J = job->n_function;
+        const uint64_t started = prt_work_begin();
+        const struct cut_source from = prt_bake_cut_source(b);
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c,
+                               &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
+        uint32_t *column = status ? NULL : prt_walk_columns(b, &cut);
+        float *k = prt_calloc((size_t)J * n * cut.n_column + 1, sizeof *k);
+        if (!status && (!k || !column)) status = PRT_NOMEM;
+        struct free_gather g = {b, job->user, column, NULL, n, (size_t)n * cut.n_column};
+        for (uint32_t v = 0; v < n && !status; v++) {
+            g.k = k + v;
+            prt_bake_unscattered_paths(b, (uint32_t)c, v, PRT_LEAST_EXTINCTION, take_free_exit,
+                                       &g);
+        }
+        prt_work_end(job->work, WORK_WALKS, started, 0, 0);
+        struct cut own = cut;
+        own.k = k;
+        struct product_rows rows = {&b->irradiance, &own, n, J, job->lit, job->work, NULL};
+        const struct row_source source = {&rows, n, prt_product_multiply, prt_product_project,
+                                          prt_product_combine};
+        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        prt_free(k);
+        prt_free(column);
         prt_cut_finish(&cut);
     }
     return status;

@@ -22,29 +22,57 @@ static const struct {
 } candidate[CANDIDATES] = {{0.5, 0.1}, {0.25, 0.1}, {1, 0.1},
                            {0.5, 0.4}, {0.5, 0.02}, {0.12, 0.1}};
 
+enum { JUDGED = 3 }; // channels that the choice reads
+
 struct smoother {
-    uint32_t n, m;
-    double (*place)[6]; // [n] position [mm], normal
-    double diagonal2;   // of the cluster's box
-    double *dipole;     // [3][n][n] C of the dipole
-    double *variance;   // [3][n] of the mean of all walks, a light
-    double *c, *a;      // [n][n] scratch: covariance, with noise
+    uint32_t n, m, n_channel;
+    const float *like; // [CANDIDATES][n][n]
+    double *dipole;    // [n_channel][n][n] C of the dipole
+    double *variance;  // [n_channel][n] of the mean of all walks, a light
+    double *c, *a;     // [n][n] scratch: covariance, with noise
 };
 
-static void fill_places(const struct bake *b, const struct prt_cluster *cluster,
-                        struct smoother *s)
+// Places [n][6] of a cluster's vertices, position [mm] and normal; returns the squared diagonal
+// of their box.
+static double fill_places(const struct bake *b, const struct prt_cluster *cluster,
+                          double (*place)[6])
 {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    for (uint32_t v = 0; v < s->n; v++) {
+    double diagonal2 = 0;
+    for (uint32_t v = 0; v < cluster->n_vertex; v++) {
         const uint32_t at = b->clusters->order[cluster->vertex_begin + v];
         for (int k = 0; k < 3; k++) {
             const double x = (double)b->mesh->position[at][k];
-            s->place[v][k] = x;
-            s->place[v][3 + k] = (double)b->mesh->normal[at][k];
+            place[v][k] = x;
+            place[v][3 + k] = (double)b->mesh->normal[at][k];
             low[k] = fmin(low[k], x), high[k] = fmax(high[k], x);
         }
     }
-    for (int k = 0; k < 3; k++) s->diagonal2 += (high[k] - low[k]) * (high[k] - low[k]);
+    for (int k = 0; k < 3; k++) diagonal2 += (high[k] - low[k]) * (high[k] - low[k]);
+    return diagonal2;
+}
+
+float *prt_walk_likeness(const struct bake *b, uint32_t c)
+{
+    const struct prt_cluster *cluster = &b->clusters->cluster[c];
+    const size_t n = cluster->n_vertex;
+    double(*place)[6] = prt_alloc(n, sizeof *place);
+    float *like = place ? prt_alloc(CANDIDATES * n * n, sizeof *like) : NULL;
+    const double diagonal2 = like ? fill_places(b, cluster, place) : 0;
+    for (size_t i = 0; like && i < CANDIDATES; i++) {
+        const double length = candidate[i].length, scale = 2 * length * length * diagonal2;
+        for (size_t v = 0; v < n; v++)
+            for (size_t w = 0; w < n; w++) {
+                const double *p = place[v], *q = place[w];
+                double d2 = 0, cosine = 0;
+                for (int k = 0; k < 3; k++)
+                    d2 += (p[k] - q[k]) * (p[k] - q[k]), cosine += p[3 + k] * q[3 + k];
+                like[(i * n + v) * n + w] =
+                    scale > 0 ? expf((float)(-d2 / scale - (1 - cosine) / 4)) : 1;
+            }
+    }
+    prt_free(place);
+    return like;
 }
 
 // The mean product of two vertices' answers over the lights.
@@ -53,7 +81,7 @@ static int fill_dipole(const float *dipole, struct smoother *s)
     const size_t n = s->n, m = s->m;
     double *y = prt_alloc(n * m, sizeof *y);
     if (!y) return PRT_NOMEM;
-    for (size_t ch = 0; ch < 3; ch++) {
+    for (size_t ch = 0; ch < s->n_channel; ch++) {
         for (size_t i = 0; i < n * m; i++) y[i] = (double)dipole[ch * n * m + i];
         cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)n, (int)n, (int)m,
                     1 / (double)m, y, (int)m, y, (int)m, 0, s->dipole + ch * n * n, (int)n);
@@ -65,7 +93,7 @@ static int fill_dipole(const float *dipole, struct smoother *s)
 // From the difference of the halves, a walk's variance; half of it is the cluster's mean.
 static void fill_variance(const struct walk_answers *w, struct smoother *s)
 {
-    for (size_t ch = 0; ch < 3; ch++) {
+    for (size_t ch = 0; ch < s->n_channel; ch++) {
         double *own = s->variance + ch * s->n, mean = 0;
         for (size_t v = 0; v < s->n; v++) {
             const size_t at = (ch * s->n + v) * s->m;
@@ -83,21 +111,14 @@ static void fill_variance(const struct walk_answers *w, struct smoother *s)
 }
 
 // C of a channel into s->c, and C + times N into s->a, factored.
-static int factor(struct smoother *s, size_t ch, double length, double amount, double times)
+static int factor(struct smoother *s, size_t ch, unsigned which, double times)
 {
     const size_t n = s->n;
     const double *dipole = s->dipole + ch * n * n, *variance = s->variance + ch * n;
-    const double scale = length * length * s->diagonal2;
+    const float *like = s->like + which * n * n;
+    const double amount = candidate[which].amount;
     double trace = 0;
-    for (size_t v = 0; v < n; v++)
-        for (size_t w = 0; w < n; w++) {
-            const double *p = s->place[v], *q = s->place[w];
-            double d2 = 0, cosine = 0;
-            for (int k = 0; k < 3; k++)
-                d2 += (p[k] - q[k]) * (p[k] - q[k]), cosine += p[3 + k] * q[3 + k];
-            const double like = scale > 0 ? exp(-d2 / (2 * scale) - (1 - cosine) / 4) : 1;
-            s->c[v * n + w] = dipole[v * n + w] * (1 + amount * like);
-        }
+    for (size_t i = 0; i < n * n; i++) s->c[i] = dipole[i] * (1 + amount * (double)like[i]);
     memcpy(s->a, s->c, n * n * sizeof *s->a);
     for (size_t v = 0; v < n; v++) trace += s->c[v * n + v] / (double)n;
     for (size_t v = 0; v < n; v++)
@@ -136,15 +157,17 @@ static int predict(struct smoother *s, const struct walk_answers *w, size_t ch, 
     return status;
 }
 
-// The candidate that predicts best over all channels. A half has twice the variance.
+// The candidate that predicts best over some channels. A half has twice the variance.
 static int choose(struct smoother *s, const struct walk_answers *w, unsigned *out)
 {
     double best = INFINITY;
     int status = PRT_OK;
+    const size_t judged = s->n_channel < JUDGED ? s->n_channel : JUDGED;
     for (unsigned i = 0; i < CANDIDATES && !status; i++) {
         double error = 0;
-        for (size_t ch = 0; ch < 3 && !status; ch++) {
-            status = factor(s, ch, candidate[i].length, candidate[i].amount, 2);
+        for (size_t k = 0; k < judged && !status; k++) {
+            const size_t ch = k * s->n_channel / judged;
+            status = factor(s, ch, i, 2);
             if (!status) status = predict(s, w, ch, &error);
         }
         if (error < best) best = error, *out = i;
@@ -227,37 +250,34 @@ static int finish(struct smoother *s, const struct walk_answers *w, size_t ch, f
     return PRT_OK;
 }
 
-int prt_walks_smooth(const struct bake *b, uint32_t c, const float *dipole,
+int prt_walks_smooth(const struct bake *b, const float *like, const float *dipole,
                      const struct walk_answers *walks, float **out, float *factor_of_vertex,
                      double noise[2])
 {
-    const size_t n = walks->n_vertex;
-    struct smoother s = {.n = walks->n_vertex, .m = walks->n_light};
+    const size_t n = walks->n_vertex, n_channel = walks->n_channel;
+    struct smoother s = {
+        .n = walks->n_vertex, .m = walks->n_light, .n_channel = walks->n_channel, .like = like};
     unsigned best = 0;
-    float *made = prt_alloc(3 * n * n, sizeof *made);
-    s.place = prt_alloc(n, sizeof *s.place);
-    s.dipole = prt_alloc(3 * n * n, sizeof *s.dipole);
-    s.variance = prt_alloc(3 * n, sizeof *s.variance);
+    float *made = prt_alloc(n_channel * n * n, sizeof *made);
+    s.dipole = prt_alloc(n_channel * n * n, sizeof *s.dipole);
+    s.variance = prt_alloc(n_channel * n, sizeof *s.variance);
     s.c = prt_alloc(n * n, sizeof *s.c);
     s.a = prt_alloc(n * n, sizeof *s.a);
     double *gain = prt_calloc(2 * n, sizeof *gain), *weight = gain + n;
-    int status =
-        made && s.place && s.dipole && s.variance && s.c && s.a && gain ? PRT_OK : PRT_NOMEM;
-    if (!status) fill_places(b, &b->clusters->cluster[c], &s);
+    int status = made && s.dipole && s.variance && s.c && s.a && gain ? PRT_OK : PRT_NOMEM;
     if (!status) status = fill_dipole(dipole, &s);
     if (!status) {
         fill_variance(walks, &s);
         status = choose(&s, walks, &best);
     }
     noise[0] = noise[1] = 0;
-    for (size_t ch = 0; ch < 3 && !status; ch++) {
-        status = factor(&s, ch, candidate[best].length, candidate[best].amount, 1);
+    for (size_t ch = 0; ch < n_channel && !status; ch++) {
+        status = factor(&s, ch, best, 1);
         if (!status) status = finish(&s, walks, ch, made + ch * n * n, gain, weight, noise);
     }
     for (size_t v = 0; v < n && !status; v++)
         factor_of_vertex[v] = weight[v] > 0 ? (float)(gain[v] / weight[v]) : 1;
     prt_free(gain);
-    prt_free(s.place);
     prt_free(s.dipole);
     prt_free(s.variance);
     prt_free(s.c);

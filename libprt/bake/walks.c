@@ -11,6 +11,7 @@
 // 35,000 vertices, because vertices that lie close are smoothed together.
 static const double default_walks = 18e6;
 static const uint32_t least_walks = 512, most_walks = 2048;
+static const uint32_t level_walks = 256; // the same of each level, where the medium is free
 // Walks that escape through holes, of all: more than the first are reported, with more than
 // the second the dipole takes the object.
 static const double reported_leak = 0.01, refused_leak = 0.1;
@@ -96,6 +97,7 @@ int prt_walks_create(struct bake *b)
     for (uint32_t i = 0; i < b->surface->n_sample; i++) w->place[b->hierarchy->order[i]] = i;
     uint32_t n = (uint32_t)(default_walks / b->mesh->n_vertex);
     n = n < least_walks ? least_walks : n > most_walks ? most_walks : n;
+    if (b->o.engine != PRT_TRANSPORT_WAVELET) n = level_walks;
     w->n_walk = b->o.n_walk ? b->o.n_walk : n;
     return test_objects(b);
 }
@@ -261,7 +263,7 @@ int prt_walks_fill(const struct tensor_job *job, uint32_t c, struct cut *cut,
                      .n_vertex = n};
     uint32_t *column = prt_walk_columns(b, cut);
     double *deviation = prt_alloc(3 * (size_t)n, sizeof *deviation);
-    *out = (struct walk_answers){n, m, {NULL, NULL}, NULL};
+    *out = (struct walk_answers){n, m, 3, {NULL, NULL}, NULL};
     out->half[0] = prt_calloc((size_t)3 * n * m, sizeof(float));
     out->half[1] = prt_calloc((size_t)3 * n * m, sizeof(float));
     out->n_walk = prt_calloc((size_t)3 * n, sizeof *out->n_walk);

@@ -27,9 +27,9 @@ bool prt_walks_in(const struct bake *b, uint32_t cluster);
 /* A cluster's walks: their answers to the lights of the tensor in two halves, which share no
  * random number. */
 struct walk_answers {
-    uint32_t n_vertex, n_light;
-    float *half[2];   /* [3][n_vertex][n_light] means */
-    uint32_t *n_walk; /* [3][n_vertex] of both halves */
+    uint32_t n_vertex, n_light, n_channel;
+    float *half[2];   /* [n_channel][n_vertex][n_light] means */
+    uint32_t *n_walk; /* [n_channel][n_vertex] of both halves */
 };
 /* Overwrites cut->k [3][n_column][n_vertex] with that of the walks of two scatterings or more,
  * each adding e^(-sigma_a L)/(pi N) where it leaves. Half of the walks are spread evenly, the
@@ -40,15 +40,31 @@ int prt_walks_fill(const struct tensor_job *job, uint32_t cluster, struct cut *c
  * NULL without memory; the caller prt_free()s it. */
 uint32_t *prt_walk_columns(const struct bake *b, const struct cut *cut);
 void prt_walk_answers_finish(struct walk_answers *answers);
-/* Smoothing matrices of a cluster, [3][n_vertex][n_vertex] (walk_smooth.c): the answers of the
- * dipole [3][n_vertex][n_light] say which vertices are alike. factor [n_vertex]: of the answers
- * of M K, at creases that are finer than M resolves. noise: as in struct walk_bake. The caller
- * prt_free()s *out. */
-int prt_walks_smooth(const struct bake *b, uint32_t cluster, const float *dipole,
+/* How alike a cluster's vertices are by position and normal, for every pair of parameters that
+ * smoothing chooses from, [..][n_vertex][n_vertex]. NULL without memory; the caller
+ * prt_free()s it. */
+float *prt_walk_likeness(const struct bake *b, uint32_t cluster);
+/* Smoothing matrices of a cluster, [n_channel][n_vertex][n_vertex] (walk_smooth.c): the answers
+ * of the dipole [n_channel][n_vertex][n_light] say which vertices are alike, with the likeness
+ * of the cluster. factor [n_vertex]: of the answers of M K, at creases that are finer than M
+ * resolves. noise: as in struct walk_bake. The caller prt_free()s *out. */
+int prt_walks_smooth(const struct bake *b, const float *like, const float *dipole,
                      const struct walk_answers *walks, float **out, float *factor,
                      double noise[2]);
-/* A range: light that crosses a cluster without a scattering. */
+/* Ranges: light that crosses a cluster without a scattering; the second for a free medium, with
+ * the extinction's functions of the path (struct prt_radial) as the job's user. */
 int prt_bake_unscattered_range(void *tensor_job, size_t begin, size_t end, unsigned worker);
+int prt_bake_free_unscattered_range(void *tensor_job, size_t begin, size_t end,
+                                    unsigned worker);
+/* What leaves of straight paths into one vertex of a cluster, for a sink as prt_walk_run's:
+ * each exit's weight over pi and the number of paths is its share of the light. */
+void prt_bake_unscattered_paths(const struct bake *b, uint32_t cluster, uint32_t vertex,
+                                float sigma_t,
+                                void (*sink)(void *arg, const struct prt_walk_exit *exit),
+                                void *arg);
+/* The least extinction of a free medium [mm^-1]: paths end where it leaves little light. */
+#define PRT_LEAST_EXTINCTION 0.02f
+enum { PRT_UNSCATTERED_PATHS = 256 }; /* a vertex; chosen, not measured */
 /* The share of noise in the answers of all clusters, relative RMS; 0 without walks. */
 double prt_walks_noise(const struct bake *b);
 

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "prt/radial.h"
+#include "prt/walk_grid.h"
 
 enum { N_KEPT = 8, N_FIT = 64, MOST_FUNCTIONS = 64 };
 
@@ -39,11 +40,11 @@ static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static struct prt_radial_options options_of(const struct prt_transport *transport,
                                             const struct prt_tensor *tensor)
 {
-    bool single = prt_term_is_single(tensor->term);
+    bool path = tensor->term != PRT_TERM_MULTIPLE; // functions of a path's length
     double eta[PRT_MEDIA_MAX];
     uint32_t n = prt_media_etas(&transport->media, eta); // bakes have at most the basis' number
     struct prt_radial_options o = {.kind = (enum prt_radial_kind)tensor->basis_kind,
-                                   .family = single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
+                                   .family = path ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
                                    .eta = eta[0],
                                    .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
     o.n_eta_more = n - 1 < PRT_RADIAL_MORE_ETA ? n - 1 : PRT_RADIAL_MORE_ETA;
@@ -54,7 +55,7 @@ static struct prt_radial_options options_of(const struct prt_transport *transpor
 static uint64_t key_of(const struct prt_radial_options *o, const struct prt_tensor *t)
 {
     uint64_t key = prt_hash64(t->knot, 4ull * t->n_knot, (uint64_t)o->kind);
-    key = prt_hash64(t->basis, 4ull * t->n_knot * t->n_radial, key);
+    key = prt_hash64(t->basis, 4ull * prt_tensor_basis_width(t) * t->n_radial, key);
     key = prt_hash64(&o->eta, sizeof o->eta, key + (uint64_t)o->family);
     return o->n_eta_more ? prt_hash64(o->eta_more, o->n_eta_more * sizeof o->eta, key) : key;
 }
@@ -85,6 +86,8 @@ int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport 
 {
     if (!tensor->n_knot || !tensor->knot || !tensor->basis)
         return prt_fail(ctx, PRT_ARG, "the tensor has no radial basis: its material is fixed");
+    if (tensor->basis_kind == PRT_RADIAL_WALK)
+        return prt_fail(ctx, PRT_ARG, "the tensor holds walks: it has no radial basis");
     struct prt_radial_options options = options_of(transport, tensor);
     return prt_radial_from_table(ctx, &options, tensor->n_radial, tensor->n_knot, tensor->knot,
                                  tensor->basis, out);
@@ -134,39 +137,97 @@ __attribute__((destructor)) static void drop_all(void)
     for (int i = 0; i < N_KEPT; i++) prt_radial_destroy(kept[i].radial);
 }
 
-static double most_error(const struct prt_radial *radial)
+static double most_error(const struct prt_tensor *tensor)
 {
-    return radial->kind == PRT_RADIAL_REDUCED ? PRT_MATERIAL_MOST_ERROR
-                                              : PRT_MATERIAL_MOST_ERROR_X07;
+    return tensor->basis_kind == PRT_RADIAL_REDUCED || tensor->basis_kind == PRT_RADIAL_WALK
+               ? PRT_MATERIAL_MOST_ERROR
+               : PRT_MATERIAL_MOST_ERROR_X07;
 }
 
-// Logs which parameter is outside the range of the basis; returns PRT_ARG.
-static int refuse(const struct prt_context *ctx, const struct prt_radial *radial,
-                  const struct prt_material *m, double error)
+// What a basis covers [sigma_s'|sigma_t, sigma_a][least, most] mm^-1.
+static void range_of(const struct prt_tensor *t, const struct prt_radial *radial,
+                     double range[2][2])
 {
-    const bool dipole = radial->family == PRT_FAMILY_DIPOLE;
+    struct prt_walk_grid grid;
+    if (radial) memcpy(range, radial->range, sizeof radial->range);
+    if (radial || prt_walk_grid_from_axes(t->n_knot, t->knot, &grid)) return;
+    range[0][0] = (double)grid.level[0], range[0][1] = (double)grid.level[grid.n_level - 1];
+    range[1][0] = 0, range[1][1] = (double)grid.node[grid.n_node - 1];
+}
+
+// Logs which parameter is outside the range of the basis; returns PRT_ARG. radial: NULL of
+// walks.
+static int refuse(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                  const struct prt_radial *radial, const struct prt_material *m, double error)
+{
+    const bool single = tensor->term == PRT_TERM_SINGLE, multiple = !tensor->term;
     const char *name = m->name[0] ? m->name : "material";
+    double range[2][2] = {{0, 0}, {0, 0}};
+    range_of(tensor, radial, range);
     for (int c = 0; c < 3 && !m->profile; c++) {
         double s = (double)m->sigma_s_prime[c], a = (double)m->sigma_a[c];
-        const double value[2] = {dipole ? s : a + s / (1 - (double)m->g[c]), a};
-        for (int k = 0; k < (dipole ? 2 : 1); k++)
-            if (!(value[k] >= radial->range[k][0] && value[k] <= radial->range[k][1]))
+        const double extinction = a + (single ? s / (1 - (double)m->g[c]) : s);
+        const double value[2] = {multiple ? s : extinction, a};
+        for (int k = 0; k < (multiple ? 2 : 1); k++)
+            if (!(value[k] >= range[k][0] && value[k] <= range[k][1]))
                 return prt_fail(ctx, PRT_ARG,
                                 "%s: %s[%d] is %g, this bake covers %g to %g mm^-1: its basis "
                                 "would lose %.0f %% of the medium (the limit is %.0f %%)",
                                 name,
-                                k ? "sigma_a"
-                                : dipole
-                                    ? "sigma_s_prime"
-                                    : "extinction sigma_a + sigma_s_prime/(1-g) of channel",
-                                c, value[k], radial->range[k][0], radial->range[k][1],
-                                100 * error, 100 * most_error(radial));
+                                k          ? "sigma_a"
+                                : multiple ? "sigma_s_prime"
+                                : single ? "extinction sigma_a + sigma_s_prime/(1-g) of channel"
+                                         : "extinction sigma_a + sigma_s_prime of channel",
+                                c, value[k], range[k][0], range[k][1], 100 * error,
+                                100 * most_error(tensor));
     }
+    if (tensor->basis_kind == PRT_RADIAL_WALK)
+        return prt_fail(ctx, PRT_ARG,
+                        "%s: a bake by walks has no profiles, only sigma_s_prime and sigma_a "
+                        "(it would lose %.0f %%, the limit is %.0f %%): bake with --scattering "
+                        "dipole for it",
+                        name, 100 * error, 100 * most_error(tensor));
     return prt_fail(
         ctx, PRT_ARG,
         "%s: this bake's basis loses %.0f %% of its profile (the limit is %.0f %%); bake "
         "with it as --material to keep it exactly",
-        name, 100 * error, 100 * most_error(radial));
+        name, 100 * error, 100 * most_error(tensor));
+}
+
+// Coefficients of a material in the functions of walks: combinations of the grid's media.
+static int fit_walks(const struct prt_tensor *t, const struct prt_material *m, float *coef,
+                     double *error)
+{
+    struct prt_walk_grid grid;
+    const uint32_t n = prt_tensor_basis_width(t);
+    *error = 1;
+    if (m->profile) return PRT_OK; // refused by its error
+    if (!n || prt_walk_grid_from_axes(t->n_knot, t->knot, &grid)) return PRT_FORMAT;
+    double *weight = prt_alloc(n, sizeof *weight), most = 0;
+    for (int c = 0; c < 3 && weight; c++) {
+        double one;
+        prt_walk_grid_weights(&grid, (double)m->eta, (double)m->sigma_s_prime[c],
+                              (double)m->sigma_a[c], weight, &one);
+        most = fmax(most, one);
+        for (uint32_t d = 0; d < t->n_radial; d++) {
+            double sum = 0;
+            for (uint32_t i = 0; i < n; i++)
+                sum += weight[i] * (double)t->basis[(size_t)d * n + i];
+            coef[3 * d + (uint32_t)c] = (float)sum;
+        }
+    }
+    prt_free(weight);
+    *error = most;
+    return weight ? PRT_OK : PRT_NOMEM;
+}
+
+// The coefficients of what crosses unscattered: similarity, the reduced extinction.
+static int fit_path(const struct prt_radial *radial, const struct prt_material *m, float *coef,
+                    double *error)
+{
+    struct prt_material reduced = *m;
+    reduced.g[0] = reduced.g[1] = reduced.g[2] = 0;
+    return prt_radial_fit_material(radial, &reduced, coef, error);
 }
 
 // The fit of a material that is kept, into coef and *error; false where there is none.
@@ -212,15 +273,21 @@ struct fitting {
 static int fit_one(struct fitting *f, const struct prt_material *m, float *coef, double *error)
 {
     const uint64_t material = prt_material_hash(m);
+    const bool walks = f->tensor->basis_kind == PRT_RADIAL_WALK;
     if (recall(f->key, material, f->tensor->n_radial, coef, error)) return PRT_OK;
-    int status =
-        f->radial ? PRT_OK : acquire(f->ctx, f->transport, f->tensor, &f->slot, &f->radial);
+    int status = f->radial || walks
+                     ? PRT_OK
+                     : acquire(f->ctx, f->transport, f->tensor, &f->slot, &f->radial);
     if (status) return status;
-    status = prt_radial_fit_material(f->radial, m, coef, error);
+    status = walks ? fit_walks(f->tensor, m, coef, error)
+             : f->tensor->term == PRT_TERM_UNSCATTERED
+                 ? fit_path(f->radial, m, coef, error)
+                 : prt_radial_fit_material(f->radial, m, coef, error);
     if (status)
         return prt_fail(f->ctx, status,
                         "the material cannot be fitted to the transport's radial basis");
-    if (!(*error <= most_error(f->radial))) return refuse(f->ctx, f->radial, m, *error);
+    if (!(*error <= most_error(f->tensor)))
+        return refuse(f->ctx, f->tensor, f->radial, m, *error);
     remember(f->key, material, f->tensor->n_radial, coef, *error);
     return PRT_OK;
 }
@@ -246,7 +313,7 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
     f.key = key_of(&options, tensor);
     for (uint32_t i = 0; i < media->n && !status; i++) {
         const struct prt_material *m = &media->medium[i];
-        if (prt_term_is_single(tensor->term) && m->profile) // it has no single scattering
+        if (tensor->term != PRT_TERM_MULTIPLE && m->profile) // its R_d is all its light
             memset(coef + i * n, 0, n * sizeof *coef);
         else status = fit_one(&f, m, coef + i * n, &error[i]);
     }
@@ -262,7 +329,7 @@ int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *tr
     for (uint32_t i = 0; i < media->n; i++) worst = fmax(worst, error[i]);
     if (!status && worst > 0.02)
         prt_log(ctx, PRT_LOG_WARNING, "the transport's %s basis loses %.1f %% of this material",
-                prt_term_is_single(tensor->term) ? "extinction" : "reflectance", 100 * worst);
+                tensor->term != PRT_TERM_MULTIPLE ? "extinction" : "reflectance", 100 * worst);
     return status;
 }
 
@@ -285,13 +352,16 @@ static int media_error(const struct prt_context *ctx, const struct prt_transport
                        const struct prt_media *media, enum prt_answer_term term, float *coef,
                        double *error)
 {
+    static const enum prt_term term_of[] = {[PRT_ANSWER_MULTIPLE] = PRT_TERM_MULTIPLE,
+                                            [PRT_ANSWER_SINGLE] = PRT_TERM_SINGLE,
+                                            [PRT_ANSWER_UNSCATTERED] = PRT_TERM_UNSCATTERED};
     double basis[PRT_MEDIA_MAX] = {0}, one[PRT_MEDIA_MAX];
     int status = PRT_OK;
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
         const struct prt_tensor *t = &transport->tensor[i];
-        bool single = prt_term_is_single(t->term);
+        enum prt_term group = t->term == PRT_TERM_VIEW ? PRT_TERM_SINGLE : t->term;
         if (!t->n_knot || t->n_radial > 256) continue;
-        if (term != PRT_ANSWER_TOTAL && single != (term == PRT_ANSWER_SINGLE)) continue;
+        if (term != PRT_ANSWER_TOTAL && group != term_of[term]) continue;
         status = fit(ctx, transport, t, media, coef, one);
         for (uint32_t k = 0; k < media->n; k++) basis[k] = fmax(basis[k], one[k]);
     }

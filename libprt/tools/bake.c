@@ -34,8 +34,6 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--basis is for --transport polynomial");
-    if (o->scattering && !strcmp(o->scattering, "walk") && engine != PRT_TRANSPORT_WAVELET)
-        return usage_error(o, "--scattering walk is for --transport wavelet: give a material");
     if (o->draft && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--draft is for --transport wavelet and joint");
     if (sparse && (o->rank || o->basis_coeffs))

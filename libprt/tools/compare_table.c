@@ -20,6 +20,7 @@ struct table {
     struct prt_cube own[MAX_ENV], seen[MAX_ENV]; // the bake's resolution, the reference's
     uint32_t *vertex;
     float *want, *got;       // [n_media][n_light][n][3]
+    float *again;            // another reference, of walks, whose noise is its own; else NULL
     double bound[MAX_MEDIA]; // error of the radial basis, added to that of the bake
     double error[MAX_MEDIA][MAX_ENV];
     double spacing_mm; // of the bake's samples; 0: unknown
@@ -173,10 +174,12 @@ static int load_lights(struct table *t)
     return status;
 }
 
-static int fill_reference(struct table *t, const float *eye)
+// number: 0, or 1 of another one with other random numbers.
+static int fill_reference(struct table *t, const float *eye, unsigned number, float *want)
 {
     const struct options *o = &t->tool->opt;
     struct prt_reference_options options = reference_options(o, &t->source, o->term, eye);
+    options.seed += 1000003 * number;
     if (!o->samples) options.n_sample = TABLE_SAMPLES;
     if (!o->rays) options.n_ray = TABLE_RAYS;
     options.vertex = t->vertex;
@@ -185,9 +188,22 @@ static int fill_reference(struct table *t, const float *eye)
     float(*color[MAX_MEDIA * MAX_ENV])[3];
     for (unsigned l = 0; l < t->n_light; l++) light[l] = &t->seen[l];
     for (unsigned i = 0; i < t->n_media * t->n_light; i++)
-        color[i] = (float(*)[3])(t->want + (size_t)i * t->n * 3);
+        color[i] = (float(*)[3])(want + (size_t)i * t->n * 3);
     return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, t->set, t->n_light,
                               light, &options, color);
+}
+
+// The relative RMSE of `got`; from two references what both agree on, so that the noise of
+// neither counts.
+static double error_from(const float *got, const float *want, const float *again, size_t n)
+{
+    double error = 0, all = 0;
+    if (!again) return prt_relative_rmse(got, want, n);
+    for (size_t i = 0; i < n; i++) {
+        error += ((double)got[i] - (double)want[i]) * ((double)got[i] - (double)again[i]);
+        all += (double)want[i] * (double)again[i];
+    }
+    return all > 0 ? sqrt(fmax(error, 0) / all) : INFINITY;
 }
 
 static int fill_answers(struct table *t, const float *eye)
@@ -287,6 +303,7 @@ static void print_text(const struct table *t, double worst, bool any)
         for (unsigned l = 0; l < t->n_light; l++) printf(" %11.3f", 100 * t->error[m][l]);
         putchar('\n');
     }
+    if (t->again) puts("two references of walks: the noise of neither is in the errors");
     if (starred)
         printf("* mean free path below the bake's sample spacing (%.3g mm): told, not judged\n",
                t->spacing_mm);
@@ -319,10 +336,13 @@ static int prepare(struct table *t)
     size_t all = (size_t)t->n_media * t->n_light * t->n * 3;
     t->want = prt_alloc(all, sizeof *t->want);
     t->got = prt_alloc(all, sizeof *t->got);
+    const bool walks = reference_options(o, &t->source, o->term, NULL).n_walk != 0;
+    const bool single = o->term && !strcmp(o->term, "single"); // no walks are in it
+    if (walks && !single) t->again = prt_alloc(all, sizeof *t->again);
     t->vertex = pick_vertices(n_seen, t->n, o->seed);
     for (uint32_t i = 0; t->vertex && seen && i < t->n; i++) t->vertex[i] = seen[t->vertex[i]];
     prt_free(seen);
-    if (t->want && t->got && t->vertex) return EXIT_DONE;
+    if (t->want && t->got && t->vertex && (t->again || !walks || single)) return EXIT_DONE;
     return tool_exit(t->tool, prt_fail(&t->tool->ctx, PRT_NOMEM, "no memory for the colours"));
 }
 
@@ -332,11 +352,13 @@ static int measure(struct table *t)
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * t->source.mesh->mm_per_unit;
     int status = fill_answers(t, o->eye.set ? eye : NULL); // refusals before long work
-    if (!status) status = fill_reference(t, o->eye.set ? eye : NULL);
+    if (!status) status = fill_reference(t, o->eye.set ? eye : NULL, 0, t->want);
+    if (!status && t->again) status = fill_reference(t, o->eye.set ? eye : NULL, 1, t->again);
     for (unsigned m = 0; m < t->n_media && !status; m++)
         for (unsigned l = 0; l < t->n_light; l++) {
             size_t at = ((size_t)m * t->n_light + l) * t->n * 3;
-            t->error[m][l] = prt_relative_rmse(t->got + at, t->want + at, 3 * (size_t)t->n);
+            t->error[m][l] = error_from(t->got + at, t->want + at,
+                                        t->again ? t->again + at : NULL, 3 * (size_t)t->n);
         }
     if (status == PRT_MISMATCH) return EXIT_USAGE; // a medium of another eta
     if (status) return tool_exit(t->tool, status);
@@ -362,6 +384,7 @@ int compare_table(struct tool *tool)
         status = usage_error(&tool->opt, "a .prt holds no irradiance to compare");
     else if (!(status = prepare(t))) status = measure(t);
     prt_free(t->want);
+    prt_free(t->again);
     prt_free(t->got);
     prt_free(t->vertex);
     prt_free(t->media);

@@ -2,6 +2,7 @@
 // prt info: prints the contents of a .prt, a model or an environment, as text or JSON.
 #include "tool.h"
 #include "prt/radial.h"
+#include "prt/walk_grid.h"
 
 #include <cjson/cJSON.h>
 #include <errno.h>
@@ -209,6 +210,39 @@ static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *tr
     return status;
 }
 
+// The grid of media whose walks a tensor holds, and the error of the measured media in it.
+static void add_walk_basis(cJSON *o, const struct prt_transport *transport,
+                           const struct prt_tensor *t)
+{
+    double weight[PRT_WALK_MOST_LEVELS * PRT_WALK_MOST_NODES], worst = 0, mean = 0;
+    const struct prt_material *preset;
+    struct prt_walk_grid grid;
+    int n = 0;
+    if (prt_walk_grid_from_axes(t->n_knot, t->knot, &grid)) return;
+    cJSON *b = cJSON_AddObjectToObject(o, "basis");
+    cJSON_AddStringToObject(b, "kind", "walk");
+    cJSON_AddStringToObject(b, "of", "walks of a grid of media");
+    cJSON_AddNumberToObject(b, "functions", t->n_radial);
+    cJSON_AddItemToObject(b, "sigma_s_prime",
+                          cJSON_CreateFloatArray(grid.level, (int)grid.n_level));
+    cJSON_AddItemToObject(b, "sigma_a", cJSON_CreateFloatArray(grid.node, (int)grid.n_node));
+    cJSON *all = cJSON_AddObjectToObject(b, "preset_error");
+    for (unsigned i = 0; (preset = prt_material_preset(i)); i++, n++) {
+        double most = 0, error;
+        for (int c = 0; c < 3; c++) {
+            prt_walk_grid_weights(&grid, (double)transport->media.medium[0].eta,
+                                  (double)preset->sigma_s_prime[c], (double)preset->sigma_a[c],
+                                  weight, &error);
+            most = fmax(most, error);
+        }
+        cJSON_AddNumberToObject(all, preset->name, most);
+        worst = fmax(worst, most);
+        mean += most;
+    }
+    cJSON_AddNumberToObject(b, "preset_mean_error", mean / (n ? n : 1));
+    cJSON_AddNumberToObject(b, "preset_worst_error", worst);
+}
+
 static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *transport,
                       const struct prt_tensor *t, uint64_t *total)
 {
@@ -245,6 +279,10 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     cJSON_AddNumberToObject(o, "bytes_per_vertex", (double)(u_bytes + row_bytes) / t->n_vertex);
     cJSON_AddItemToArray(to, o);
     add_ranks(o, t);
+    if (t->basis_kind == PRT_RADIAL_WALK) {
+        add_walk_basis(o, transport, t);
+        return PRT_OK;
+    }
     return t->n_knot ? add_basis(tool, o, transport, t) : PRT_OK;
 }
 

@@ -142,7 +142,8 @@ const struct option_row option_table[] = {
      "for a plane, or by random walks inside the model"},
     {"walks", 0, "N", OPTION_WHOLE, AT(walks), PRT_BAKE_WALKS_MIN, PRT_BAKE_WALKS_MAX, NULL,
      BAKE,
-     "with --scattering walk: walks a vertex and channel (default: by vertices, 512 to 2048)"},
+     "with --scattering walk: walks a vertex and channel (default: by vertices, 512 to 2048); "
+     "where the medium is free, a vertex and level of scattering (default 256)"},
     {"walks", 0, "N", OPTION_WHOLE, AT(walks), 1, 1 << 28, NULL, LIGHTS,
      "with --scattering walk: walks a vertex and channel (default 1024)"},
     {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,

@@ -3,6 +3,9 @@
 // index.
 #include "format.h"
 
+#include "prt/radial.h"
+#include "prt/walk_grid.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -303,14 +306,27 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
     return PRT_OK;
 }
 
+uint32_t prt_tensor_basis_width(const struct prt_tensor *t)
+{
+    struct prt_walk_grid grid;
+    if (t->basis_kind != PRT_RADIAL_WALK) return t->n_knot;
+    return prt_walk_grid_from_axes(t->n_knot, t->knot, &grid) ? 0 : grid.n_level * grid.n_node;
+}
+
 static int check_basis(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
     if (!t->n_knot) return PRT_OK;
     if (!t->knot || !t->basis || t->n_knot < 2 || t->n_knot > 1u << 24 || !t->n_radial)
         return bad(c, "tensor %u: the radial basis is damaged", i);
-    if (!finite_f32(t->knot, t->n_knot) ||
-        !finite_f32(t->basis, (uint64_t)t->n_knot * t->n_radial))
+    const uint64_t width = prt_tensor_basis_width(t);
+    if (!width || t->basis_kind > PRT_RADIAL_WALK)
+        return bad(c, "tensor %u: a basis of an unknown kind, or without a grid", i);
+    if (!finite_f32(t->knot, t->n_knot) || !finite_f32(t->basis, width * t->n_radial))
         return bad(c, "tensor %u: the radial basis is not finite", i);
+    if (t->basis_kind == PRT_RADIAL_WALK)
+        return t->term == PRT_TERM_MULTIPLE
+                   ? PRT_OK
+                   : bad(c, "tensor %u: walks are of multiple scattering", i);
     for (uint32_t k = 1; k < t->n_knot; k++)
         if (!(t->knot[k - 1] < t->knot[k]))
             return bad(c, "tensor %u: the radial grid does not ascend", i);

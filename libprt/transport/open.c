@@ -290,7 +290,8 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     TAKE(f, SECTION_CLUSTER, i, (uint64_t)sizeof *t->cluster * ft->n_cluster, t->cluster);
     TAKE(f, SECTION_U, i, 2 * ft->u_count, t->u);
     TAKE(f, SECTION_KNOT, i, 4ull * ft->n_knot, t->knot);
-    TAKE(f, SECTION_BASIS, i, 4ull * ft->n_knot * ft->n_radial, t->basis);
+    const uint64_t width = ft->n_knot ? prt_tensor_basis_width(t) : 0;
+    TAKE(f, SECTION_BASIS, i, 4 * width * ft->n_radial, t->basis);
     return take_rows(f, i, ft, &t->rows);
 }
 

@@ -99,7 +99,8 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
             put(l, SECTION_ROW_SCALE, i, r->scale, 4ull * r->n_row * t->n_function);
     }
     put(l, SECTION_KNOT, i, t->knot, 4ull * t->n_knot);
-    put(l, SECTION_BASIS, i, t->basis, 4ull * t->n_knot * t->n_radial);
+    if (t->n_knot)
+        put(l, SECTION_BASIS, i, t->basis, 4ull * prt_tensor_basis_width(t) * t->n_radial);
 }
 
 static struct format_material core_of(const struct prt_material *m)

@@ -56,9 +56,6 @@ const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
         return "scattering is unknown";
     const bool walk = b->scattering == RELIGHT__SCATTERING__SCATTERING_WALK;
     if (b->walks && !walk) return "walks are for scattering walk";
-    if (walk && ((b->transport && b->transport != RELIGHT__TRANSPORT__TRANSPORT_WAVELET) ||
-                 (!b->transport && !r->material[0] && !r->n_materials)))
-        return "scattering walk is for wavelet transport: name a material, and no other transport";
     // The library's bounds and its words.
     if (!prt_bake_setting_ok(PRT_BAKE_CUBE, b->cube, reason) ||
         !prt_bake_setting_ok(PRT_BAKE_PHASE_TERMS, b->phase_terms, reason) ||

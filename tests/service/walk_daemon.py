@@ -55,8 +55,22 @@ def check():
     prt('compare', 'dipole.csv', 'want.csv', '--max-rmse', '0.03', status=1)
     said = relight('load', 'ball.obj', *SETTINGS, '--scattering', 'walk', '--walks', '3', status=2).said
     expect('16 to 1048576' in said, 'too few walks: ' + said)
-    said = relight('load', 'ball.obj', '--size-mm', '10', '--scattering', 'walk', status=2).said
-    expect('material' in said, 'walks without a material: ' + said)
+    free_media(lit)
+
+
+def free_media(lit):
+    """Walks of a free medium: the daemon edits it, and its answers are prt's."""
+    settings = ['--size-mm', '10', '--samples', '2000', '--cube', '16', '--seed', '3', *WALKS]
+    prt('bake', 'ball.obj', *settings, '-o', 'free.prt', '--quiet')
+    relight('load', 'ball.obj', *settings, '--name', 'joint', '--wait')
+    for medium in ('skin1', 'ketchup'):
+        given = ['--material', medium]
+        prt('colors', 'free.prt', *given, *lit, '-o', 'want.csv')
+        relight('colors', 'joint', *given, *lit, '-o', 'got.csv')
+        same('got.csv', 'want.csv', 1e-5)
+    said = relight('colors', 'joint', '--material', '{"sigma_s_prime":300,"sigma_a":0,"eta":1.3}', *lit,
+                   '-o', 'got.csv', status=1).said
+    expect('covers 0.02 to 27' in said, 'a medium out of range: ' + said)
 
 
 def serve():

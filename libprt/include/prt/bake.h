@@ -67,9 +67,11 @@ struct prt_bake_options {
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
                      * 16 linear pieces of R_d, 8 of e^(-sigma_t r) */
-    enum prt_scattering scattering; /* of multiple scattering; WALK: wavelet engine only */
+    enum prt_scattering scattering; /* of multiple scattering */
     uint32_t n_walk; /* WALK: walks a vertex and channel, in the mean; 0: 18e6 over the
-                      * vertices, [512, 2048] */
+                      * vertices, [512, 2048]; where the medium is free a vertex and level of
+                      * scattering, 0: 256 */
+    bool unmeasured; /* the errors of the bake are left out */
     uint64_t seed;   /* of all random numbers */
     /* n_shard > 1: this process bakes part `shard` of n_shard and writes it beside out_path, as
      * OUT.I-of-N.part; a complete part is not baked again. The process that ends last assembles

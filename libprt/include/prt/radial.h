@@ -14,7 +14,8 @@ enum prt_radial_kind {
     PRT_RADIAL_REDUCED = 0, /* leading singular vectors of the weighted family (METHODS §4) */
     PRT_RADIAL_POLYNOMIAL,  /* X07: degree d pieces on DP knots, C^(d-1) constrained LSQ */
     PRT_RADIAL_HAT,         /* C0 linear spline on the same knots */
-    PRT_RADIAL_X07, /* POLYNOMIAL by the unweighted least squares of X07: for comparison */
+    PRT_RADIAL_X07,  /* POLYNOMIAL by the unweighted least squares of X07: for comparison */
+    PRT_RADIAL_WALK, /* of files only: walks of a grid of media (prt/walk_grid.h) */
 };
 enum { PRT_RADIAL_MORE_ETA = 7 };
 enum prt_radial_family {

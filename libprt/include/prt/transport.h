@@ -117,12 +117,16 @@ struct prt_tensor {
     const uint16_t *u;    /* bits of i16, RADIAL of f16 */
     uint64_t u_count;     /* numbers in u */
     struct prt_rows rows; /* n_row 0 for RADIAL */
-    /* Radial basis behind j (FULL, RADIAL): values on a grid; NULL otherwise. */
+    /* Radial basis behind j (FULL, RADIAL): values on a grid; NULL otherwise. Of
+     * PRT_RADIAL_WALK: the axes of a prt_walk_grid, levels and then nodes, and what each stored
+     * function has of the answers of the grid's media. */
     uint32_t n_knot;     /* grid points */
     uint32_t basis_kind; /* enum of prt/radial.h */
-    const float *knot;   /* [n_knot] mm */
-    const float *basis;  /* [n_radial][n_knot] */
+    const float *knot;   /* [n_knot] mm; WALK: [n_level + n_node] mm^-1 */
+    const float *basis;  /* [n_radial][n_knot]; WALK: [n_radial][n_level * n_node] */
 };
+/* Numbers of basis for each radial function; 0: the axes are not those of a grid. */
+uint32_t prt_tensor_basis_width(const struct prt_tensor *tensor);
 
 /* U lies in [-1/64, 1/64]; the rows of the basis, which take the rest of the scale, then lie
  * well inside the range of a half. */

@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: MIT
+// The media at which a free medium's walks are known, and the few functions that are stored:
+// the leading directions of the media's answers in some clusters of the body, to fields of
+// irradiance on its surface that no light needs to be known for.
+#include "bake/free_walks.h"
+#include "bake/sources.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+// The highest level that is walked [mm^-1]; at the next one the mean free path is a 15th of a
+// millimetre and the dipole's error is one factor.
+static const float last_walked = 10;
+// Directions: as many as leave this share of no medium's answers out, root mean square over
+// media, and at most the number below.
+static const double left_out = 0.002;
+enum { MOST_FUNCTIONS = 24, FIELDS = 24, PILOTS = 8 };
+// Answers of media below this share of the largest count as this share in the training.
+static const double least_share = 0.05;
+
+static int fit_medium(const struct prt_radial *radial, double eta, double sigma_s_prime,
+                      double sigma_a, float *out)
+{
+    struct prt_material m = {.eta = (float)eta};
+    float coef[64 * 3];
+    for (int c = 0; c < 3; c++)
+        m.sigma_s_prime[c] = (float)sigma_s_prime, m.sigma_a[c] = (float)sigma_a;
+    int status = prt_radial_fit_material(radial, &m, coef, NULL);
+    for (uint32_t j = 0; j < radial->n_function && !status; j++) out[j] = coef[3 * j];
+    return status;
+}
+
+// The media, and the ratios above the last walked level, as the dipole answers them.
+static int fit_media(const struct bake *b, const struct bases *bases, struct walk_pool *p)
+{
+    const uint32_t J = p->grid.n_node, F = p->n_radial, n_above = p->n_media - p->n_walked;
+    const float top = p->grid.level[p->last_level];
+    double weight[PRT_WALK_MOST_LEVELS * PRT_WALK_MOST_NODES];
+    int status = PRT_OK;
+    for (uint32_t o = 0; o < b->o.media.n && !status; o++) {
+        const double eta = (double)b->o.media.medium[o].eta;
+        for (uint32_t i = 0; i < p->n_media && !status; i++)
+            status = fit_medium(bases->reflectance, eta, (double)p->grid.level[i / J],
+                                (double)p->grid.node[i % J],
+                                p->dipole + ((size_t)o * p->n_media + i) * F);
+        for (uint32_t i = 0; i < n_above && !status; i++) {
+            const float level = p->grid.level[(p->n_walked + i) / J];
+            const double sigma_a = (double)(p->grid.node[i % J] * top / level);
+            prt_walk_grid_weights(&p->grid, eta, (double)top, sigma_a, weight, NULL);
+            for (uint32_t j = 0; j < J; j++)
+                p->ratio_mix[i * J + j] = (float)weight[p->last_level * J + j];
+            status = fit_medium(bases->reflectance, eta, (double)top, sigma_a,
+                                p->ratio_basis + ((size_t)o * n_above + i) * F);
+        }
+    }
+    return status;
+}
+
+// ---- fields of irradiance: even light, and waves of lengths from the body's size downwards
+
+static void fill_waves(const struct bake *b, float wave[FIELDS][4])
+{
+    struct prt_rng rng;
+    const float size = prt_mesh_diagonal(b->mesh);
+    prt_rng_init(&rng, b->o.seed, 0x3f1e);
+    memset(wave, 0, FIELDS * sizeof *wave);
+    for (int i = 1; i < FIELDS; i++) {
+        const float z = 2 * prt_rng_f32(&rng) - 1, phi = 2 * (float)M_PI * prt_rng_f32(&rng);
+        const float side = sqrtf(fmaxf(1 - z * z, 0));
+        const float waves = 2 * (float)M_PI / size * powf(32, (float)(i - 1) / (FIELDS - 2));
+        wave[i][0] = waves * side * cosf(phi), wave[i][1] = waves * side * sinf(phi);
+        wave[i][2] = waves * z, wave[i][3] = 2 * (float)M_PI * prt_rng_f32(&rng);
+    }
+}
+
+// The fields at the samples in the order of the tree, and the means of the nodes.
+static int fill_fields(const struct bake *b, struct lit_rows *out)
+{
+    const struct hierarchy *h = b->hierarchy;
+    const struct prt_surface_points *s = b->surface;
+    const uint32_t n = s->n_sample;
+    float wave[FIELDS][4];
+    *out = (struct lit_rows){FIELDS, NULL, NULL};
+    out->value = prt_alloc(((size_t)n + h->n_node) * FIELDS, sizeof *out->value);
+    if (!out->value) return PRT_NOMEM;
+    out->light = out->value; // no texels: a name for the products
+    fill_waves(b, wave);
+    for (uint32_t i = 0; i < n; i++) {
+        const float *x = s->position[h->order[i]];
+        for (int f = 0; f < FIELDS; f++)
+            out->value[(size_t)i * FIELDS + f] = cosf(
+                f ? wave[f][0] * x[0] + wave[f][1] * x[1] + wave[f][2] * x[2] + wave[f][3] : 0);
+    }
+    for (uint32_t i = h->n_node; i-- > 0;) {
+        const struct node *node = &h->node[i];
+        double sum[FIELDS] = {0}, area = 0;
+        for (uint32_t k = 0; k < (node->child[0] ? 2 : node->count); k++) {
+            const uint32_t row = node->child[0] ? n + node->child[k] : node->begin + k;
+            const float own = node->child[0] ? h->node[node->child[k]].area
+                                             : s->area[h->order[node->begin + k]];
+            for (int f = 0; f < FIELDS; f++)
+                sum[f] += (double)own * (double)out->value[(size_t)row * FIELDS + f];
+            area += (double)own;
+        }
+        for (int f = 0; f < FIELDS; f++)
+            out->value[((size_t)n + i) * FIELDS + f] = area > 0 ? (float)(sum[f] / area) : 0;
+    }
+    return PRT_OK;
+}
+
+// ---- directions
+
+struct pilot {
+    const struct bake *b;
+    const struct walk_pool *pool;
+    const struct lit_rows *lit;
+    struct radial_set radial;
+    uint32_t n_walk, n, cluster[PILOTS];
+    double *gram, *even; // [PILOTS][n_media][n_media], [PILOTS][n_media] squares of even light
+};
+
+static int pilot_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct pilot *p = arg;
+    const struct bake *b = p->b;
+    const size_t N = p->pool->n_media;
+    int status = PRT_OK;
+    prt_trace_thread_init();
+    for (size_t i = begin; i < end && !status; i++) {
+        struct cut cut = {0};
+        const struct cut_source from = prt_bake_cut_source(b);
+        status = prt_cut_build(b->ctx, &from, p->cluster[i], &p->radial, &cut);
+        const struct free_walks_job job = {b,    p->pool,       &cut,      p->lit,
+                                           NULL, p->cluster[i], p->n_walk, false};
+        struct free_walks walks = {0};
+        if (!status) status = prt_free_walks_run(&job, &walks);
+        const size_t block = (size_t)walks.n_vertex * walks.n_light;
+        double *y = status ? NULL : prt_alloc(N * block, sizeof *y);
+        if (!status && !y) status = PRT_NOMEM;
+        for (size_t k = 0; k < N * block && !status; k++) y[k] = (double)walks.answer[k];
+        if (!status)
+            cblas_dsyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)N, (int)block, 1, y,
+                        (int)block, 0, p->gram + i * N * N, (int)N);
+        for (size_t k = 0; k < N && !status; k++) {
+            double sum = 0;
+            for (size_t v = 0; v < walks.n_vertex; v++)
+                sum += y[k * block + v * walks.n_light] * y[k * block + v * walks.n_light];
+            p->even[i * N + k] = sum / walks.n_vertex / p->n;
+        }
+        prt_free(y);
+        prt_free_walks_finish(&walks);
+        prt_cut_finish(&cut);
+    }
+    return status;
+}
+
+// Walked clusters, spread evenly.
+static void choose_pilots(struct pilot *p)
+{
+    const uint32_t n = p->b->clusters->n_cluster;
+    uint32_t walked = 0, seen = 0;
+    for (uint32_t c = 0; c < n; c++) walked += prt_walks_in(p->b, c);
+    const uint32_t want = walked < PILOTS ? walked : PILOTS;
+    for (uint32_t c = 0; c < n && p->n < want; c++) {
+        if (!prt_walks_in(p->b, c)) continue;
+        if (seen * want >= p->n * walked) p->cluster[p->n++] = c;
+        seen++;
+    }
+}
+
+// The leading eigenvectors of the media's correlations become functions.
+static int choose_functions(double *gram, struct walk_pool *p)
+{
+    const uint32_t N = p->n_media;
+    double *value = prt_alloc(2 * (size_t)N, sizeof *value), *norm = value + N, left = N,
+           most = 0;
+    uint32_t D = 0;
+    if (!value) return PRT_NOMEM;
+    for (uint32_t i = 0; i < N; i++) {
+        norm[i] = sqrt(fmax(gram[i * N + i], 1e-300));
+        most = fmax(most, norm[i]);
+    }
+    for (uint32_t i = 0; i < N; i++)
+        for (uint32_t j = 0; j <= i; j++) gram[i * N + j] /= norm[i] * norm[j];
+    int status = LAPACKE_dsyevd(LAPACK_ROW_MAJOR, 'V', 'L', (int)N, gram, (int)N, value)
+                     ? PRT_INTERNAL
+                     : PRT_OK;
+    for (; D < MOST_FUNCTIONS && D < N && left > left_out * left_out * N; D++)
+        left -= value[N - 1 - D];
+    p->n_function = D;
+    p->mix = prt_alloc((size_t)D * N, sizeof *p->mix);
+    p->basis = prt_alloc((size_t)D * N, sizeof *p->basis);
+    if (!p->mix || !p->basis) status = PRT_NOMEM;
+    for (uint32_t d = 0; d < D && !status; d++)
+        for (uint32_t i = 0; i < N; i++) {
+            const double x = gram[(size_t)i * N + (N - 1 - d)];
+            p->mix[(size_t)d * N + i] = (float)(x * most / norm[i] / sqrt(N));
+            p->basis[(size_t)d * N + i] = (float)(x * norm[i] / most * sqrt(N));
+        }
+    prt_free(value);
+    return status;
+}
+
+static int find_functions(const struct bake *b, const struct bases *bases, struct walk_pool *p)
+{
+    const size_t N = p->n_media;
+    struct lit_rows fields = {0};
+    struct pilot pilot = {.b = b, .pool = p, .lit = &fields, .n_walk = b->walk->n_walk};
+    pilot.radial = prt_bases_radial_set(bases);
+    pilot.gram = prt_calloc(PILOTS * N * N, sizeof *pilot.gram);
+    pilot.even = prt_calloc(PILOTS * N, sizeof *pilot.even);
+    choose_pilots(&pilot);
+    int status = pilot.gram && pilot.even ? fill_fields(b, &fields) : PRT_NOMEM;
+    if (!status) status = prt_parallel_for(b->ctx, "walks", pilot.n, 1, pilot_range, &pilot);
+    for (size_t i = 0; i < N && !status; i++) {
+        double even = 0;
+        for (size_t k = 0; k < pilot.n; k++) even += pilot.even[k * N + i];
+        p->norm[i] = (float)sqrt(even) + 1e-12f;
+        for (size_t j = 0; j <= i; j++)
+            for (size_t k = 1; k < pilot.n; k++)
+                pilot.gram[i * N + j] += pilot.gram[(k * N + i) * N + j];
+    }
+    if (!status) status = choose_functions(pilot.gram, p);
+    prt_free(fields.value);
+    prt_free(pilot.gram);
+    prt_free(pilot.even);
+    return status;
+}
+
+int prt_walk_pool_create(const struct bake *b, const struct bases *bases, struct walk_pool *p)
+{
+    *p = (struct walk_pool){.n_radial = bases->reflectance->n_function};
+    prt_walk_grid_default(&p->grid);
+    while (p->last_level + 1 < p->grid.n_level &&
+           p->grid.level[p->last_level + 1] <= last_walked)
+        p->last_level++;
+    p->n_media = p->grid.n_level * p->grid.n_node;
+    p->n_walked = (p->last_level + 1) * p->grid.n_node;
+    const size_t n_above = p->n_media - p->n_walked, n = b->o.media.n;
+    p->dipole = prt_alloc(n * p->n_media * p->n_radial, sizeof *p->dipole);
+    p->ratio_mix = prt_alloc(n_above * p->grid.n_node, sizeof *p->ratio_mix);
+    p->ratio_basis = prt_alloc(n * n_above * p->n_radial, sizeof *p->ratio_basis);
+    p->norm = prt_alloc(p->n_media, sizeof *p->norm);
+    int status = p->dipole && p->ratio_mix && p->ratio_basis && p->norm ? PRT_OK : PRT_NOMEM;
+    if (!status) status = fit_media(b, bases, p);
+    if (!status) status = find_functions(b, bases, p);
+    if (status == PRT_INTERNAL)
+        prt_fail(b->ctx, status, "LAPACK found no directions of the media's answers");
+    if (status) prt_walk_pool_finish(p);
+    return status;
+}
+
+void prt_walk_pool_finish(struct walk_pool *p)
+{
+    prt_free(p->dipole);
+    prt_free(p->ratio_mix);
+    prt_free(p->ratio_basis);
+    prt_free(p->mix);
+    prt_free(p->basis);
+    prt_free(p->norm);
+    *p = (struct walk_pool){0};
+}
+
+int prt_walk_pool_record(const struct walk_pool *p, struct prt_tensor *t)
+{
+    const uint32_t n_level = p->grid.n_level, n_node = p->grid.n_node;
+    const size_t all = (size_t)p->n_function * p->n_media;
+    float *knot = prt_alloc(n_level + n_node, sizeof *knot), *basis = prt_alloc(all, 4);
+    t->knot = knot, t->basis = basis;
+    if (!knot || !basis) return PRT_NOMEM;
+    memcpy(knot, p->grid.level, n_level * sizeof *knot);
+    memcpy(knot + n_level, p->grid.node, n_node * sizeof *knot);
+    memcpy(basis, p->basis, all * sizeof *basis);
+    t->n_knot = n_level + n_node;
+    t->n_radial = p->n_function;
+    t->n_phase = 1;
+    t->basis_kind = PRT_RADIAL_WALK;
+    return PRT_OK;
+}
+
+int prt_walk_pool_train(const struct walk_pool *p, struct bases *s)
+{
+    const uint32_t D = p->n_function, J = p->grid.n_node;
+    struct training *t = &s->training[0];
+    float most = 0;
+    prt_bases_drop_training(s);
+    for (uint32_t i = 0; i < p->n_media; i++) most = fmaxf(most, p->norm[i]);
+    t->weight = malloc((size_t)p->n_media * D * sizeof *t->weight);
+    if (!t->weight) return PRT_NOMEM;
+    t->n = 0;
+    s->n_training = 1;
+    for (uint32_t i = 0; i < p->n_media; i++) {
+        if (i % J % 3 == 1) continue; // two of three absorptions
+        const float answer = fmaxf(p->norm[i], (float)least_share * most);
+        for (uint32_t d = 0; d < D; d++)
+            t->weight[(size_t)t->n * D + d] = p->basis[(size_t)d * p->n_media + i] / answer;
+        t->n++;
+    }
+    return PRT_OK;
+}

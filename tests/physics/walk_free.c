@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: MIT
+// Joint and polynomial bakes by random walks (METHODS §9, free media): media that no bake was
+// made for, against walks of the reference; continuity; holes; the grid's interpolation.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "bodies.h"
+#include "expect.h"
+#include "prt/bake.h"
+#include "prt/reference.h"
+#include "prt/relight.h"
+#include "prt/walk_grid.h"
+
+enum { CUBE = 16, PICKED = 64 };
+static struct prt_context context;
+static char folder[] = "/tmp/prt-walk-free-XXXXXX";
+static char joint[64], polynomial[64], holed[64];
+static struct prt_mesh *ball;
+static struct prt_cube light;
+static uint32_t pick[PICKED];
+
+static void log_errors(void *user, enum prt_log_level level, const char *line)
+{
+    if (level == PRT_LOG_ERROR) print_message("  %s\n", line);
+}
+
+static void ignore_log(void *user, enum prt_log_level level, const char *line)
+{
+}
+
+static struct prt_mesh *dented(uint32_t n_row)
+{
+    struct model m;
+    model_init(&m, 28 * 15, 28 * 14 * 2);
+    add_ball(&m, 28, 14, n_row, dented_ball);
+    return body_mesh(&context, &m, false);
+}
+
+static void bake(const struct prt_mesh *mesh, enum prt_transport_kind engine, uint32_t n_walk,
+                 const struct prt_env *env, const char *path)
+{
+    struct prt_material m = {.eta = 1.3f, .roughness = 0.3f};
+    for (int c = 0; c < 3; c++) m.sigma_s_prime[c] = 1, m.sigma_a[c] = 0.01f;
+    const struct prt_bake_options o = {.engine = engine,
+                                       .media = prt_media_one(&m),
+                                       .scattering = PRT_SCATTERING_WALK,
+                                       .n_walk = n_walk,
+                                       .n_sample = 4000,
+                                       .cube = CUBE,
+                                       .env = env,
+                                       .no_single = true,
+                                       .unmeasured = true,
+                                       .seed = 1};
+    assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
+}
+
+// All colours of a file in a medium, of every vertex.
+static void answer(const char *path, enum prt_answer_term term, const struct prt_material *m,
+                   float (*out)[3])
+{
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    const struct prt_transport *t = prt_file_transport(f);
+    const struct prt_query query = {.term = term, .light = &light, .media = prt_media_one(m)};
+    assert_int_equal(prt_answer_colors(&context, t, &query, out), PRT_OK);
+    prt_file_close(f);
+}
+
+static struct prt_material medium(const char *name)
+{
+    struct prt_material m;
+    assert_int_equal(prt_material_load(&context, name, &m), PRT_OK);
+    m.eta = 1.3f;
+    return m;
+}
+
+static void reference(const struct prt_material *m, enum prt_reference_term term, uint64_t seed,
+                      float out[PICKED][3])
+{
+    const struct prt_reference_options o = {.term = term,
+                                            .n_sample = 10000,
+                                            .n_ray = 256,
+                                            .seed = seed,
+                                            .vertex = pick,
+                                            .n_vertex = PICKED,
+                                            .n_walk = 512};
+    const struct prt_media media = prt_media_one(m);
+    assert_int_equal(prt_reference_colors(&context, ball, &media, &light, &o, out), PRT_OK);
+}
+
+// The relative RMSE from what two references agree on: their noise is in neither product.
+static double error_from(float (*got)[3], float a[PICKED][3], float b[PICKED][3])
+{
+    double error = 0, all = 0;
+    for (unsigned i = 0; i < PICKED; i++)
+        for (unsigned c = 0; c < 3; c++) {
+            const double x = (double)got[pick[i]][c];
+            error += (x - (double)a[i][c]) * (x - (double)b[i][c]);
+            all += (double)a[i][c] * (double)b[i][c];
+        }
+    return sqrt(fmax(error, 0) / all);
+}
+
+// Law: one bake by walks answers for media over the whole range as walks of the reference do
+// in each (METHODS §9, free media).
+static void media_agree_with_walks(void **state)
+{
+    static const char *const name[] = {"skin1", "marble", "ketchup"};
+    float(*got)[3] = calloc(ball->n_vertex, sizeof *got);
+    static float a[PICKED][3], b[PICKED][3];
+    for (unsigned i = 0; i < 3; i++) {
+        const struct prt_material m = medium(name[i]);
+        reference(&m, PRT_REFERENCE_MULTIPLE, 51, a);
+        reference(&m, PRT_REFERENCE_MULTIPLE, 52, b);
+        answer(joint, PRT_ANSWER_MULTIPLE, &m, got);
+        expect_below(expect_name("joint, %s: error of multiple", name[i]),
+                     error_from(got, a, b), 0.04);
+        answer(polynomial, PRT_ANSWER_MULTIPLE, &m, got);
+        expect_below(expect_name("polynomial, %s: error of multiple", name[i]),
+                     error_from(got, a, b), 0.04);
+    }
+    free(got);
+}
+
+// Law: so it is with light that crosses without a scattering (METHODS §9, terms).
+static void unscattered_agrees_with_walks(void **state)
+{
+    float(*got)[3] = calloc(ball->n_vertex, sizeof *got);
+    static float a[PICKED][3], b[PICKED][3];
+    struct prt_material m = {.sigma_s_prime = {0.05f, 0.1f, 0.2f},
+                             .sigma_a = {0.05f, 0.02f, 0},
+                             .eta = 1.3f,
+                             .roughness = 0.3f};
+    reference(&m, PRT_REFERENCE_UNSCATTERED, 51, a);
+    reference(&m, PRT_REFERENCE_UNSCATTERED, 52, b);
+    answer(joint, PRT_ANSWER_UNSCATTERED, &m, got);
+    expect_below("joint: error of unscattered light", error_from(got, a, b), 0.05);
+    answer(polynomial, PRT_ANSWER_UNSCATTERED, &m, got);
+    expect_below("polynomial: error of unscattered light", error_from(got, a, b), 0.05);
+    free(got);
+}
+
+static double mean_of(float (*color)[3], uint32_t n)
+{
+    double sum = 0;
+    for (uint32_t v = 0; v < n; v++) sum += (double)color[v][1];
+    return sum / n;
+}
+
+// Law: answers are continuous in both coefficients: steps of 1 % over the range change the
+// total by little, and least at no place by much more than at its neighbours.
+static void no_jumps(void **state)
+{
+    float(*color)[3] = calloc(ball->n_vertex, sizeof *color);
+    for (unsigned walk = 0; walk < 2; walk++) {
+        double last = 0, worst = 0, before = 0, bend = 0;
+        enum { STEPS = 700 };
+        for (unsigned i = 0; i <= STEPS; i += 2) {
+            const double share = (double)i / STEPS;
+            struct prt_material m = {.eta = 1.3f, .roughness = 0.3f};
+            for (int c = 0; c < 3; c++) {
+                m.sigma_s_prime[c] = walk ? 1 : (float)(0.021 * pow(1200, share));
+                m.sigma_a[c] = walk ? (float)(2e-4 * pow(9e3, share)) : 0.02f;
+            }
+            answer(polynomial, PRT_ANSWER_MULTIPLE, &m, color);
+            const double now = mean_of(color, ball->n_vertex);
+            const double step = i ? log(now / last) : 0;
+            if (i) worst = fmax(worst, fabs(step));
+            if (i > 2) bend = fmax(bend, fabs(step - before));
+            before = step, last = now;
+        }
+        const char *what = walk ? "sigma_a" : "sigma_s'";
+        expect_below(expect_name("largest step of ln over %s", what), worst, 0.06);
+        expect_below(expect_name("largest change of a step over %s", what), bend, 0.008);
+    }
+    free(color);
+}
+
+// Law: an object with holes is baked with the dipole, as a combination of the same functions:
+// the file answers as one by the dipole does (METHODS §9, holes).
+static void holes_keep_the_dipole(void **state)
+{
+    struct prt_mesh *mesh = dented(7);
+    struct prt_context quiet = context;
+    const struct prt_material m = medium("skin1");
+    float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
+    float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
+    char dipole[80];
+    const struct prt_bake_options o = {.media = prt_media_one(&m),
+                                       .n_sample = 4000,
+                                       .cube = CUBE,
+                                       .no_single = true,
+                                       .unmeasured = true,
+                                       .seed = 1};
+    quiet.log = ignore_log;
+    snprintf(dipole, sizeof dipole, "%s/dipole.prt", folder);
+    bake(mesh, PRT_TRANSPORT_JOINT, 16, NULL, holed);
+    assert_int_equal(prt_bake(&quiet, mesh, &o, dipole), PRT_OK);
+    answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, dipole, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    const struct prt_query query = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
+    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &query, want), PRT_OK);
+    prt_file_close(f);
+    expect_below("difference from the dipole",
+                 prt_relative_rmse(got[0], want[0], 3 * (size_t)mesh->n_vertex), 0.03);
+    free(got);
+    free(want);
+    prt_mesh_destroy(mesh);
+}
+
+// Law: the grid's interpolation reproduces the answers of its own media, and misplaces little
+// of the light of the measured ones (METHODS §9, free media).
+static void grid_holds_media(void **state)
+{
+    struct prt_walk_grid grid, again;
+    double weight[PRT_WALK_MOST_LEVELS * PRT_WALK_MOST_NODES], error;
+    float axes[PRT_WALK_MOST_LEVELS + PRT_WALK_MOST_NODES];
+    prt_walk_grid_default(&grid);
+    const uint32_t n = grid.n_level * grid.n_node;
+    for (uint32_t i = 0; i < n; i += 7) {
+        const uint32_t k = i / grid.n_node, j = i % grid.n_node;
+        prt_walk_grid_weights(&grid, 1.3, (double)grid.level[k], (double)grid.node[j], weight,
+                              &error);
+        for (uint32_t m = 0; m < n; m++)
+            expect_near("weight at a medium of the grid", weight[m], m == i ? 1 : 0, 1e-6);
+    }
+    const struct prt_material *preset;
+    for (unsigned p = 0; (preset = prt_material_preset(p)); p++)
+        for (int c = 0; c < 3; c++) {
+            prt_walk_grid_weights(&grid, 1.3, (double)preset->sigma_s_prime[c],
+                                  (double)preset->sigma_a[c], weight, &error);
+            const bool within = preset->sigma_s_prime[c] >= 0.1f;
+            expect_below("light that the grid misplaces", error,
+                         within && preset->sigma_s_prime[c] <= 10 ? 0.01 : 0.03);
+        }
+    prt_walk_grid_weights(&grid, 1.3, 200, 0.01, weight, &error);
+    expect_above("error of a medium far outside", error, 0.1);
+    memcpy(axes, grid.level, grid.n_level * sizeof *axes);
+    memcpy(axes + grid.n_level, grid.node, grid.n_node * sizeof *axes);
+    assert_int_equal(prt_walk_grid_from_axes(grid.n_level + grid.n_node, axes, &again), PRT_OK);
+    assert_memory_equal(&again, &grid, sizeof grid);
+    axes[1] = axes[0];
+    assert_int_equal(prt_walk_grid_from_axes(grid.n_level + grid.n_node, axes, &again),
+                     PRT_FORMAT);
+    assert_int_equal(prt_walk_grid_from_axes(3, axes, &again), PRT_FORMAT);
+}
+
+static void file(char path[64], const char *name)
+{
+    snprintf(path, 64, "%s/%s", folder, name);
+}
+
+int main(void)
+{
+    char command[300];
+    if (!mkdtemp(folder)) return 1;
+    prt_context_init(&context);
+    context.log = log_errors;
+    if (prt_pool_create(0, &context.pool)) return 1;
+    file(joint, "joint.prt"), file(polynomial, "polynomial.prt"), file(holed, "holed.prt");
+    ball = dented(14);
+    for (uint32_t i = 0; i < PICKED; i++)
+        pick[i] = (uint32_t)((uint64_t)i * ball->n_vertex / PICKED);
+    if (prt_cube_init(&light, CUBE)) return 1;
+    for (uint32_t i = 0; i < 6 * CUBE * CUBE; i++) { // a sky, a dark floor and a lamp
+        const uint32_t face = i / (CUBE * CUBE), y = i / CUBE % CUBE, x = i % CUBE;
+        const bool lamp = face == 4 && x > 8 && x < 12 && y > 2 && y < 6;
+        for (uint32_t c = 0; c < 3; c++)
+            light.texel[3 * i + c] = (face == 2 ? 0.6f : 0.15f) + (lamp ? 25 : 0);
+    }
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
+    bake(ball, PRT_TRANSPORT_JOINT, 256, NULL, joint);
+    bake(ball, PRT_TRANSPORT_POLYNOMIAL, 256, &env, polynomial);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(grid_holds_media),
+        cmocka_unit_test(media_agree_with_walks),
+        cmocka_unit_test(unscattered_agrees_with_walks),
+        cmocka_unit_test(no_jumps),
+        cmocka_unit_test(holes_keep_the_dipole),
+    };
+    int status = run_physics_tests(tests, NULL, NULL);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(ball);
+    prt_pool_destroy(context.pool);
+    snprintf(command, sizeof command, "rm -rf %s", folder);
+    return system(command) ? 1 : status;
+}
