@@ -2,6 +2,7 @@
 // Flows in a list: there are as many as clients with work, and the search is short against it.
 #include "core/fair_queue.h"
 
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,15 +50,30 @@ struct fair_flow *fair_flow(struct fair_queue *q, const char *name)
     return f;
 }
 
+// Most begin after all that wait; of the others most are older than all.
+static void insert(struct fair_flow *f, struct fair_item *item)
+{
+    struct fair_item **at = f->last[item->class];
+    bool empty = at == &f->first[item->class];
+    const struct fair_item *last =
+        empty ? NULL
+              : (const struct fair_item *)((char *)at - offsetof(struct fair_item, next));
+    if (last && item->begun_ns < last->begun_ns) {
+        at = &f->first[item->class];
+        while ((*at)->begun_ns <= item->begun_ns) at = &(*at)->next;
+    }
+    item->next = *at;
+    *at = item;
+    if (!item->next) f->last[item->class] = &item->next;
+}
+
 void fair_push(struct fair_queue *q, struct fair_flow *f, struct fair_item *item)
 {
     if (!f->n_waiting && !f->n_running && f->virtual_ns < q->virtual_ns)
         f->virtual_ns = q->virtual_ns;
-    item->next = NULL;
     item->flow = f;
     item->waits = true;
-    *f->last[item->class] = item;
-    f->last[item->class] = &item->next;
+    insert(f, item);
     f->n_waiting++;
     q->n_waiting++;
 }

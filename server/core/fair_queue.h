@@ -8,7 +8,8 @@
  * Costs are known afterwards: a flow is charged its mean cost in advance, and the difference
  * when the work has ended.
  *
- * A priority orders the work of one flow strictly. Between flows it is a head start in compute
+ * A priority orders the work of one flow strictly, and in it the time at which the evaluation
+ * began that the work is a part of. Between flows it is a head start in compute
  * time (fair_head_start_ns), so that a still never delays a hand that moves, and bulk work of a
  * modest flow is not starved by a greedy interactive one.
  * Thread-safety: none; the caller locks. */
@@ -27,6 +28,7 @@ struct fair_item {
     struct fair_item *next;
     struct fair_flow *flow; /* NULL: it does not wait and does not run */
     enum work_class class;
+    uint64_t begun_ns;   /* when what it is a part of began */
     uint64_t advance_ns; /* charged in advance */
     bool waits;
 };
@@ -47,6 +49,8 @@ void fair_finish(struct fair_queue *queue); /* frees the flows; items are the ca
 /* The flow of this name, made where there is none; idle ones are dropped when there are many.
  * NULL without memory. */
 struct fair_flow *fair_flow(struct fair_queue *queue, const char *name);
+/* Of a flow and priority the one that began first goes first: the last step of an evaluation is
+ * not behind the first steps of those that came later. */
 void fair_push(struct fair_queue *queue, struct fair_flow *flow, struct fair_item *item);
 /* The item to run next; no_background: other classes only. NULL: none. */
 struct fair_item *fair_pop(struct fair_queue *queue, bool no_background);

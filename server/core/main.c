@@ -308,6 +308,7 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
+    drain_init(&server.drain, threads);
     const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
     if (!(server.ledger = ledger_create(o)) || check_all() || choose_run() ||

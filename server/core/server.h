@@ -5,6 +5,7 @@
 #define RELIGHTD_SERVER_H
 
 #include "store/blobs.h"
+#include "core/drain.h"
 #include "core/ledger.h"
 #include "jobs/decode_helper.h"
 #include "jobs/jobs.h"
@@ -93,6 +94,7 @@ struct server {
     /* The pace of answers while requests wait, for retry_after_ms: the last one, 0 where none
      * waited then, and the running mean of the gaps. */
     uint64_t answered_ns, answer_gap_ns;
+    struct drain drain; /* of evaluations */
 };
 
 #endif

@@ -235,6 +235,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("errors", s->errors_total, "error answers");
     C("busy", s->busy_total, "requests answered busy");
     C("cancelled", s->cancelled_total, "requests cancelled by clients");
+    C("late_refused", s->late_refused_total,
+      "requests that were refused as their answer would have come after the deadline");
     C("deadline", s->deadline_total, "requests whose deadline passed");
     C("bytes_in", s->bytes_in, "bytes received");
     C("bytes_out", s->bytes_out, "bytes sent");

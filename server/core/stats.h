@@ -36,6 +36,7 @@ struct stats {
     } carrier[STATS_N_CARRIER];
     unsigned views_open;
     uint64_t errors_total, busy_total, cancelled_total, deadline_total;
+    uint64_t late_refused_total; /* BUSY, as the answer would come after the deadline */
     uint64_t bytes_in, bytes_out;
     uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached, bakes_evicted;
     uint64_t children_crashed; /* decoders and bakes ended by a signal that the daemon did not

@@ -185,6 +185,7 @@ void work_submit(struct work_pool *pool, struct work *work)
     work->unwanted = 0;
     work->item.class =
         actor->name[0] && actor->class > work->class ? actor->class : work->class;
+    work->item.begun_ns = actor->begun_ns ? actor->begun_ns : work->submitted_ns;
     pool->n_open++;
     pthread_mutex_lock(&pool->lock);
     struct fair_flow *flow = fair_flow(&pool->queue, actor->name);

@@ -42,6 +42,7 @@ void work_pool_destroy(struct work_pool *pool);
 struct work_actor {
     char name[WORK_NAME];
     enum work_class class;
+    uint64_t begun_ns; /* when the evaluation began that its work is a part of; 0: with it */
 };
 struct work_actor work_act_for(struct work_pool *pool, const char *name, enum work_class class);
 struct work_actor work_act(struct work_pool *pool, struct work_actor actor);

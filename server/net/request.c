@@ -58,7 +58,8 @@ static void end(struct request *request)
     if (request->next) request->next->prev = request->prev;
     conn->n_request--;
     server->n_request--;
-    if (request->counted == LEDGER_REQUESTS) measure_pace(server);
+    if (request->counted == LEDGER_REQUESTS && request->outcome == STATS_OK)
+        measure_pace(server);
     if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
     request_drop_payload(request);

@@ -57,6 +57,19 @@ static void evaluated(void *user, struct render_result *result)
     free(e);
 }
 
+// Refuses what would be answered after its deadline: work on it would be in vain, and those
+// that wait already would be late, too.
+static bool in_time(struct request *request, const struct model *model,
+                    const struct render_spec *spec)
+{
+    if (!request->deadline.armed) return true;
+    const uint64_t now = loop_now_ns(), at = request->deadline.at_ns;
+    const double left_ns = at > now ? (double)(at - now) : 0;
+    request->retry_ms = render_retry_ms(model, spec, left_ns);
+    if (request->retry_ms) request->server->stats.late_refused_total++;
+    return !request->retry_ms;
+}
+
 static void start(struct request *request, const char *name, const char *pose,
                   struct render_spec *spec)
 {
@@ -65,6 +78,11 @@ static void start(struct request *request, const char *name, const char *pose,
         models_find(request->server->models, request->conn->principal->name, name, error);
     int code = model ? render_spec_pose(spec, model, pose, error)
                      : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+    if (!code && !in_time(request, model, spec)) {
+        code = RELIGHT__ERROR_CODE__ERROR_BUSY;
+        snprintf(error, sizeof error,
+                 "requests wait, and this one would be answered after its deadline");
+    }
     struct evaluation *e = code ? NULL : calloc(1, sizeof *e);
     if (!e) {
         render_spec_finish(spec);

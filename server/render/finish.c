@@ -19,6 +19,7 @@ enum {
 void render_end(struct render *r)
 {
     r->result.total_ms = (float)((double)(loop_now_ns() - r->start_ns) * 1e-6);
+    render_uncount(r);
     render_fn done = r->done;
     void *user = r->user;
     struct render_result result = r->result;

@@ -163,6 +163,10 @@ typedef void (*render_fn)(void *user, struct render_result *result);
 /* Takes over what the spec shares. */
 struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
                             void *user);
+/* 0: an evaluation that the loop's actor begins now will be answered within left_ns; else the
+ * milliseconds after which one would be. */
+uint32_t render_retry_ms(const struct model *model, const struct render_spec *spec,
+                         double left_ns);
 /* done is not called after this. */
 void render_cancel(struct render *render);
 

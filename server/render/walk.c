@@ -502,6 +502,8 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
     r->user = user;
     r->start_ns = loop_now_ns();
     r->actor = work_actor(r->server->work);
+    r->actor.begun_ns = r->start_ns;
+    render_count(r);
     bool ended = false;
     r->ended = &ended;
     walk(r);

@@ -64,6 +64,7 @@ struct render {
     struct dependency visibility, specular, background, floor, map[3];
     struct prt_camera camera;
     uint64_t start_ns;
+    struct drain_item drain; /* core/drain.h */
     struct render_result result;
 };
 
@@ -104,6 +105,12 @@ float bake_error(const struct render *r);
 /* The largest error of any vertex_values from projecting the material on the bake's bases; it
  * adds to bake_error(). */
 float material_error(const struct render *r);
+
+/* ---- backlog.c ---- */
+
+/* The evaluation is open, and is not any more: render_retry_ms() (render.h) counts them. */
+void render_count(struct render *r);
+void render_uncount(struct render *r);
 
 /* ---- finish.c ---- */
 

@@ -9,8 +9,8 @@
 #include <stdatomic.h>
 
 struct object_store {
-    char folder[3800]; /* absolute; "": one machine */
-    char owner[96];    /* HOST-PID-DIGITS: no other process has it */
+    char folder[3800];                           /* absolute; "": one machine */
+    char owner[96];                              /* HOST-PID-DIGITS: no other process has it */
     _Atomic uint64_t last_temporary, last_count; /* of names; of texts of claims */
 };
 

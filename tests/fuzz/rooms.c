@@ -222,6 +222,7 @@ bool rooms_start(const struct rooms_settings *settings)
     const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     log_set_level(LOG_ERR);
     server.n_core = settings->threads;
+    drain_init(&server.drain, settings->threads);
     server.stats.start_ns = loop_now_ns();
     strcpy(server.run, "0123456789abcdef"); // messages.c names it
     char fault[256];

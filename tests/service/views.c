@@ -404,7 +404,7 @@ static void rate_of_a_client(void **state)
     p.options.max_fps = FPS;
     p.gain.x = p.gain.y = p.gain.z = 1;
     uint64_t view = open_view(&p);
-    frame_of(view, 0);
+    seen = frame_of(view, 0);
     double start = seconds_now();
     while (sequence < STATES) {
         p.gain.x = 1 + (float)++sequence;
@@ -416,7 +416,7 @@ static void rate_of_a_client(void **state)
     double seconds = seconds_now() - start;
     print_message("%d frames in %.2f s\n", (int)n, seconds);
     assert_true((double)n <= seconds * FPS + 1);
-    seen = frame_of(view, STATES);
+    if (seen.sequence < STATES) seen = frame_of(view, STATES); // else the loop had it
     assert_int_equal(seen.sequence, STATES);
 }
 

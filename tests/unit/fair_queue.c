@@ -220,6 +220,27 @@ static void what_was_used_is_paid(void **unused)
     fair_finish(&q);
 }
 
+// Of one flow and priority the work of what began first goes first: an evaluation's last step
+// is not behind the first steps of later ones. Works that began together keep their order.
+static void what_began_first_goes_first(void **data)
+{
+    struct fair_queue q = {0};
+    struct fair_flow *f = fair_flow(&q, "anna");
+    enum { N = 200 };
+    for (size_t i = 0; i < N; i++) {
+        pool[i] = (struct fair_item){.class = WORK_STILL, .begun_ns = 1 + rnd(40)};
+        fair_push(&q, f, &pool[i]);
+        if (i % 3 == 2) assert_true(fair_remove(&q, &pool[rnd(2) ? i : i - 1]));
+    }
+    const struct fair_item *last = NULL;
+    for (struct fair_item *item; (item = fair_pop(&q, false)); last = item) {
+        fair_ended(&q, item, 1, NULL, 0);
+        assert_true(!last || item->begun_ns > last->begun_ns ||
+                    (item->begun_ns == last->begun_ns && item > last));
+    }
+    fair_finish(&q);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -230,6 +251,7 @@ int main(void)
         cmocka_unit_test(shares_are_split),
         cmocka_unit_test(random_operations),
         cmocka_unit_test(what_was_used_is_paid),
+        cmocka_unit_test(what_began_first_goes_first),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

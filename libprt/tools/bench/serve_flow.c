@@ -61,6 +61,7 @@ void serve_count(struct serve_client *c, const struct relight_frame *frame)
     } else if (f->counting) {
         serve_keep(f, ms, (double)frame->payload_size);
         if (f->deadline_ms) f->worst_over_ms = fmax(f->worst_over_ms, ms - f->deadline_ms);
+        if (f->deadline_ms) f->n_over += ms > f->deadline_ms;
     }
     if (!f->stopping && f->depth) f->send(f, c);
 }

@@ -16,6 +16,7 @@ struct serve_flow {
     // results of serve_run
     bool stopping, counting;
     unsigned n_answer, n_busy, n_late, n_other; // n_late: ERROR_DEADLINE; n_other: other errors
+    unsigned n_over;                            // answers after the deadline, by our clock
     double seconds, bytes, worst_over_ms; // worst_over_ms: after the deadline, of an answer
     float *ms;                            // of each answer, ascending
     unsigned n_ms, room;

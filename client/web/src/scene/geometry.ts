@@ -19,7 +19,10 @@ export interface Mesh {
   positions: Float32Array;
   normals: Float32Array;
   triangles: Uint32Array;
-  uv: Float32Array | null;
+  /** Sets of texture coordinates, [nVertex][2] each. */
+  uv: Float32Array[];
+  /** [nTriangle][3][2] in place of set 0, where an OBJ has seams. */
+  cornerUv: Float32Array | null;
   tint: Float32Array | null;
   /** Spherical harmonics of the sky that the model hides from a vertex (PROTOCOL, INFO, LIST,
    * GEOMETRY): [nVertex][16] in steps of 4/127; null: not known. */
@@ -29,6 +32,8 @@ export interface Mesh {
   mmPerUnit: number;
   split: number;
   generation: bigint;
+  /** GeometryAnswer.mesh_hash; empty: not known. */
+  hash: string;
 }
 
 function partsOf(answer: GeometryAnswer): Part[] {
@@ -70,7 +75,12 @@ export function meshOf(answer: GeometryAnswer, payload: Uint8Array): Mesh {
     positions,
     normals: floats(payload, Number(answer.normalsOffset), 3 * n),
     triangles: words(payload, Number(answer.trianglesOffset), 3 * answer.nTriangle),
-    uv: answer.nUv ? floats(payload, Number(answer.uvOffset), 2 * n) : null,
+    uv: Array.from({ length: answer.nUv }, (_, set) =>
+      floats(payload, Number(answer.uvOffset) + 8 * n * set, 2 * n),
+    ),
+    cornerUv: answer.cornerUvOffset
+      ? floats(payload, Number(answer.cornerUvOffset), 6 * answer.nTriangle)
+      : null,
     tint: answer.colorOffset ? floats(payload, Number(answer.colorOffset), 4 * n) : null,
     blocked: answer.blockedOffset ? bytes(payload, Number(answer.blockedOffset), 16 * n) : null,
     parts: partsOf(answer),
@@ -78,5 +88,46 @@ export function meshOf(answer: GeometryAnswer, payload: Uint8Array): Mesh {
     mmPerUnit: answer.mmPerUnit,
     split: answer.textureSplit,
     generation: answer.generation,
+    hash: answer.meshHash,
   };
+}
+
+/** The vertices of a mesh for WebGL, which has one coordinate a vertex and set: those at seams are
+ * several, each with its own. */
+export interface Corners {
+  triangles: Uint32Array;
+  /** Vertex of the mesh. */
+  source: Uint32Array;
+  /** Set 0. */
+  uv: Float32Array;
+}
+export function cornersOf(mesh: Pick<Mesh, "triangles" | "cornerUv">): Corners | null {
+  const { triangles, cornerUv } = mesh;
+  if (!cornerUv) return null;
+  const source: number[] = [];
+  const uv: number[] = [];
+  const known = new Map<string, number>();
+  const out = triangles.map((vertex, corner) => {
+    const [u = 0, v = 0] = cornerUv.subarray(2 * corner, 2 * corner + 2);
+    const key = `${vertex},${u},${v}`;
+    const old = known.get(key);
+    if (old !== undefined) return old;
+    known.set(key, source.length);
+    uv.push(u, v);
+    return source.push(vertex) - 1;
+  });
+  return { triangles: out, source: Uint32Array.from(source), uv: Float32Array.from(uv) };
+}
+
+/** Rows of `width` numbers, one for each vertex of `source`. */
+export function rowsAt<T extends Float32Array | Int8Array>(
+  values: T,
+  width: number,
+  source: Uint32Array,
+): T {
+  const out = new (values.constructor as new (n: number) => T)(source.length * width);
+  source.forEach((vertex, i) => {
+    out.set(values.subarray(vertex * width, (vertex + 1) * width), i * width);
+  });
+  return out;
 }

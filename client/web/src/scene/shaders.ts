@@ -59,8 +59,14 @@ out vec3 single;
 #if N_PIXEL > 0
 out vec3 phase[N_PIXEL];
 #endif
+#ifdef SEAMS
+in uint source; // vertices at seams are several: the one of the file
+#define VERTEX int(source)
+#else
+#define VERTEX gl_VertexID
+#endif
 vec3 part(int layer) {
-  return texelFetch(vertexColors, ivec3(gl_VertexID % VERTEX_WIDTH, gl_VertexID / VERTEX_WIDTH, layer), 0).rgb;
+  return texelFetch(vertexColors, ivec3(VERTEX % VERTEX_WIDTH, VERTEX / VERTEX_WIDTH, layer), 0).rgb;
 }
 void readColors() {
   multiple = part(0);
@@ -108,7 +114,8 @@ float unblocked(vec3 d) {
 float unblocked(vec3 d) { return 1.0; }
 #endif`;
 
-export const surfaceVertex = /* glsl */ `
+/** The vertex shader of a surface whose maps take these sets of texture coordinates. */
+export const surfaceVertex = (uvSets: readonly number[]) => /* glsl */ `
 precision highp float;
 precision highp int;
 uniform mat4 modelViewMatrix, projectionMatrix;
@@ -116,12 +123,16 @@ uniform vec3 eye;
 uniform float eta;
 in vec3 position;
 in vec3 normal;
-in vec2 uv;
+${uvSets.map((set) => `in vec2 uv${set};`).join("\n")}
+#ifdef TINTED
 in vec4 tint;
+out vec4 vertexTint;
+#endif
 out vec3 at;
 out vec3 n;
-out vec2 coordinates;
-out vec4 vertexTint;
+#if N_UV > 0
+out vec2 coordinates[N_UV];
+#endif
 ${harmonics}
 ${colorInput}
 ${blockedInput}
@@ -129,10 +140,102 @@ void main() {
   readBlocked();
   at = position;
   n = normal;
-  coordinates = uv;
+  ${uvSets.map((set, i) => `coordinates[${i}] = uv${set};`).join("\n  ")}
+#ifdef TINTED
   vertexTint = tint;
+#endif
   readColors();
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+
+// The look of a textured surface at the pixel, as libprt/mesh has it (METHODS §10).
+const look = /* glsl */ `
+uniform vec4 baseColor;
+uniform vec3 emissive;
+uniform float roughnessFactor;
+uniform float split;          // share of the base colour that the bake has blurred
+uniform bool plainLook;       // no maps: irradiance
+#ifdef TINTED
+in vec4 vertexTint;
+#endif
+#if N_UV > 0
+in vec2 coordinates[N_UV];
+vec2 placed(vec3 place[2], vec2 uv) {
+  return vec2(dot(place[0], vec3(uv, 1.0)), dot(place[1], vec3(uv, 1.0)));
+}
+#endif
+#ifdef BASE_UV
+uniform sampler2D baseMap;
+uniform vec3 basePlace[2];
+#endif
+#ifdef NORMAL_UV
+uniform sampler2D normalMap;
+uniform vec3 normalPlace[2];
+uniform float normalScale;
+#endif
+#ifdef ROUGHNESS_UV
+uniform sampler2D roughnessMap;
+uniform vec3 roughnessPlace[2];
+#endif
+#ifdef OCCLUSION_UV
+uniform sampler2D occlusionMap;
+uniform vec3 occlusionPlace[2];
+uniform float occlusionScale;
+#endif
+#ifdef EMISSIVE_UV
+uniform sampler2D emissiveMap;
+uniform vec3 emissivePlace[2];
+#endif
+struct Look { vec3 base, normal, emission; float roughness, occlusion, variance; };
+
+// Directions in which u and v of the normal map grow, from the steps of position and
+// coordinates between pixels, which lie on the triangle's plane.
+#ifdef NORMAL_UV
+void turn(inout Look look, vec3 at) {
+  vec2 st = placed(normalPlace, coordinates[NORMAL_UV]);
+  vec3 m = 2.0 * texture(normalMap, st).xyz - 1.0, n = look.normal;
+  vec3 e0 = dFdx(at), e1 = dFdy(at);
+  vec2 s0 = dFdx(st), s1 = dFdy(st);
+  float det = s0.x * s1.y - s0.y * s1.x;
+  if (det == 0.0) return;
+  float side = sign(det);
+  vec3 t = side * (s1.y * e0 - s0.y * e1), v = side * (s0.x * e1 - s1.x * e0);
+  t -= dot(t, n) * n;
+  if (dot(t, t) == 0.0) return;
+  t = normalize(t);
+  vec3 b = cross(n, t);
+  b *= dot(b, v) < 0.0 ? 1.0 : -1.0; // glTF's green points up the image, against v
+  look.variance = max(1.0 - length(m), 0.0);
+  look.normal = normalize(normalScale * (m.x * t + m.y * b) + max(m.z, 1e-3) * n);
+}
+#endif
+
+Look lookAt(vec3 at, vec3 n, float opaque, float mediumRoughness) {
+  Look look = Look(vec3(1.0), n, emissive, mediumRoughness, 1.0, 0.0);
+  vec4 base = baseColor;
+#ifdef BASE_UV
+  base *= texture(baseMap, placed(basePlace, coordinates[BASE_UV]));
+#endif
+#ifdef TINTED
+  base *= clamp(vertexTint, 0.0, 1.0);
+#endif
+  float luminance = max(dot(base.rgb, vec3(0.2126, 0.7152, 0.0722)), 0.02);
+  look.base = opaque > 0.5 || split <= 0.0 ? base.rgb : base.rgb / pow(luminance, split);
+#ifdef NORMAL_UV
+  turn(look, at);
+#endif
+#ifdef ROUGHNESS_UV
+  look.roughness = max(roughnessFactor * texture(roughnessMap, placed(roughnessPlace, coordinates[ROUGHNESS_UV])).g, 1e-3);
+#endif
+#ifdef OCCLUSION_UV
+  float open = texture(occlusionMap, placed(occlusionPlace, coordinates[OCCLUSION_UV])).r;
+  look.occlusion = clamp(1.0 + occlusionScale * (open - 1.0), 1e-3, 1.0);
+#endif
+#ifdef EMISSIVE_UV
+  look.emission *= texture(emissiveMap, placed(emissivePlace, coordinates[EMISSIVE_UV])).rgb;
+#endif
+  if (plainLook) return Look(vec3(1.0), n, vec3(0.0), mediumRoughness, 1.0, 0.0);
+  return look;
 }`;
 
 export const surfaceFragment = /* glsl */ `
@@ -146,14 +249,8 @@ uniform float divisor;        // the factor that the colours already have
 uniform float viewSlope;      // of single scattering towards an eye (PROTOCOL, FACTORS)
 uniform float reflection;     // 1: reflections are added
 uniform float opaque;
-uniform float split;          // share of the base colour that the bake has blurred
 uniform sampler2DArray lobes; // [6 levels][6 faces]
-uniform sampler2D baseMap;
-uniform vec4 baseColor;       // factor
-uniform bool hasBase, hasMap;
 in vec3 at, n, multiple, single;
-in vec2 coordinates;
-in vec4 vertexTint;
 #if N_PIXEL > 0
 in vec3 phase[N_PIXEL];
 #endif
@@ -162,6 +259,7 @@ ${tone}
 ${cube}
 ${harmonics}
 ${unblocked}
+${look}
 vec3 reflected(vec3 d, float rough) {
   float k = rough <= 0.15 ? 0.0 : rough <= 0.3 ? 1.0 : rough <= 0.45 ? 2.0 : rough <= 0.65 ? 3.0 : 4.0;
   float lo = k == 0.0 ? 0.0 : k == 1.0 ? 0.15 : k == 2.0 ? 0.3 : k == 3.0 ? 0.45 : 0.65;
@@ -169,29 +267,29 @@ vec3 reflected(vec3 d, float rough) {
   float share = clamp((rough - lo) / wide, 0.0, 1.0);
   return mix(fromCube(lobes, d, 32.0, 6.0 * k), fromCube(lobes, d, 32.0, 6.0 * k + 6.0), share);
 }
-vec3 base() {
-  vec4 b = baseColor * vertexTint;
-  if (hasMap) b *= texture(baseMap, coordinates);
-  if (!hasBase) return vec3(1.0);
-  float luminance = max(dot(b.rgb, vec3(0.2126, 0.7152, 0.0722)), 0.02);
-  return opaque > 0.5 ? b.rgb : b.rgb / pow(luminance, split);
+// A normal that turns away from the eye is bent towards it; c: its cosine to w.
+vec3 facingEye(vec3 m, vec3 w, float least, out float c) {
+  float own = min(dot(w, m), 1.0);
+  c = max(own, least);
+  if (own > least) return m;
+  float keep = sqrt((1.0 - c * c) / (1.0 - own * own + 1e-12));
+  return keep * m + (c - keep * own) * w;
 }
-void main() {
-  vec3 w = normalize(eye - at), m = normalize(n);
-  // The variance of normals over the pixel widens the lobe.
-  float variance = (dot(dFdx(m), dFdx(m)) + dot(dFdy(m), dFdy(m))) / 24.0;
-  float facing = abs(dot(normalize(cross(dFdx(at), dFdy(at))), w));
-  float c = min(dot(w, m), 1.0), least = max(0.5 * facing, 1e-3), cc = max(c, least);
-  // Interpolated normals that turn away from the eye are bent towards it.
-  if (c < least) {
-    float keep = sqrt((1.0 - cc * cc) / (1.0 - c * c + 1e-12));
-    m = keep * m + (cc - keep * c) * w;
-  }
-  c = cc;
+float mirrorShare(float c) {
   float ct = sqrt(1.0 - (1.0 - c * c) / (eta * eta));
   float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
-  float mirror = 0.5 * (rs * rs + rp * rp);
-  float t = opaque > 0.5 || transmission < 0.5 ? 1.0 : (1.0 - mirror) / divisor;
+  return 0.5 * (rs * rs + rp * rp);
+}
+void main() {
+  vec3 w = normalize(eye - at), own = normalize(n);
+  // The variance of normals over the pixel widens the lobe.
+  float variance = (dot(dFdx(own), dFdx(own)) + dot(dFdy(own), dFdy(own))) / 24.0;
+  Look look = lookAt(at, own, opaque, roughness);
+  variance = 1.0 - (1.0 - variance) * (1.0 - look.variance);
+  float facing = abs(dot(normalize(cross(dFdx(at), dFdy(at))), w));
+  float least = max(0.5 * facing, 1e-3), c, cm;
+  vec3 m = facingEye(own, w, least, c);
+  float t = opaque > 0.5 || transmission < 0.5 ? 1.0 : (1.0 - mirrorShare(c)) / divisor;
   vec3 inside = inwards(w, m, c), scattered = single;
 #if N_PIXEL > 0
   float y[16];
@@ -200,12 +298,13 @@ void main() {
 #endif
   // The slope belongs to the vertices' normals.
   vec3 body = multiple + (1.0 + viewSlope * (1.0 - dot(n, inside))) * scattered;
-  body = max(t * body, vec3(0.0)) * base();
+  body = max(t * body, vec3(0.0)) * look.base * (opaque > 0.5 ? look.occlusion : 1.0);
   float spread = min(2.0 * variance, 0.18);
-  float rough = spread > 1e-4 ? sqrt(sqrt(pow(roughness, 4.0) + spread)) : roughness;
-  vec3 from = 2.0 * c * m - w;
-  if (reflection > 0.5 && opaque < 0.5) body += mirror * unblocked(from) * reflected(from, rough);
-  color = vec4(encoded(body), 1.0);
+  float rough = spread > 1e-4 ? sqrt(sqrt(pow(look.roughness, 4.0) + spread)) : look.roughness;
+  vec3 turned = facingEye(look.normal, w, least, cm), from = 2.0 * cm * turned - w;
+  if (reflection > 0.5 && opaque < 0.5)
+    body += mirrorShare(cm) * unblocked(from) * look.occlusion * reflected(from, rough);
+  color = vec4(encoded(body + look.emission), 1.0);
 }`;
 
 export const backgroundVertex = /* glsl */ `

@@ -7,7 +7,6 @@ import {
   BufferGeometry,
   Camera,
   DataArrayTexture,
-  DataTexture,
   DoubleSide,
   FloatType,
   GLSL3,
@@ -23,9 +22,7 @@ import {
   RawShaderMaterial,
   RGBAFormat,
   Scene,
-  UnsignedByteType,
   Vector3,
-  Vector4,
   WebGLRenderer,
   WebGLRenderTarget,
   DataUtils,
@@ -42,7 +39,8 @@ import {
   type Cube,
   type Lamp,
 } from "./environment";
-import type { Mesh } from "./geometry";
+import { cornersOf, rowsAt, type Mesh, type Part } from "./geometry";
+import { lookOf, MapTextures, type Images } from "./surface-maps";
 import { VertexColors, type VertexTexture } from "./vertex-colors";
 import {
   backgroundFragment,
@@ -68,8 +66,8 @@ export interface Look {
   /** Linear RGB behind the model in place of the environment; null: the environment. */
   plain: Vec3 | null;
 }
-/** Varyings of the surface, without those of the phases. */
-const VARYINGS = 10;
+/** Varyings of the surface, without those of the phases and of texture coordinates. */
+const VARYINGS = 9;
 /** Tone curve of the shader: none, linear radiance is kept. */
 const LINEAR = 3;
 
@@ -105,6 +103,29 @@ export function meanOfBlocks(points: Float32Array, width: number, fine: number):
   return out;
 }
 
+// Attributes of all vertices, and the index.
+function attributesOf(mesh: Mesh): BufferGeometry {
+  const all = new BufferGeometry();
+  const corners = cornersOf(mesh);
+  const at = <T extends Float32Array | Int8Array>(values: T, width: number) =>
+    corners ? rowsAt(values, width, corners.source) : values;
+  all.setAttribute("position", new BufferAttribute(at(mesh.positions, 3), 3));
+  all.setAttribute("normal", new BufferAttribute(at(mesh.normals, 3), 3));
+  mesh.uv.forEach((uv, set) => {
+    const own = set === 0 && corners ? corners.uv : at(uv, 2);
+    all.setAttribute(`uv${set}`, new BufferAttribute(own, 2));
+  });
+  if (corners) all.setAttribute("source", new BufferAttribute(corners.source, 1));
+  if (mesh.tint) all.setAttribute("tint", new BufferAttribute(at(mesh.tint, 4), 4));
+  if (mesh.blocked) {
+    const sky = new InterleavedBuffer(at(mesh.blocked, 16), 16);
+    for (let i = 0; i < 4; i++)
+      all.setAttribute(`blocked${i}`, new InterleavedBufferAttribute(sky, 4, 4 * i));
+  }
+  all.setIndex(new BufferAttribute(corners?.triangles ?? mesh.triangles, 1));
+  return all;
+}
+
 export class Stage {
   readonly canvas: HTMLCanvasElement;
   readonly renderer: WebGLRenderer;
@@ -121,6 +142,8 @@ export class Stage {
   private geometry: BufferGeometry | null = null;
   private parts: ThreeMesh<BufferGeometry, RawShaderMaterial>[] = [];
   private mesh: Mesh | null = null;
+  private textures: MapTextures | null = null;
+  private media: readonly Medium[] = [];
   private readonly colors = new VertexColors();
   private single = 0; // layers of single scattering
   private hasColors = false;
@@ -148,6 +171,7 @@ export class Stage {
       transmission: { value: 1 },
       reflection: { value: 1 },
       split: { value: 0 },
+      plainLook: { value: false },
       lobes: { value: this.lobes },
       vertexColors: { value: null },
     };
@@ -181,32 +205,35 @@ export class Stage {
 
   // ---- mesh, colours and light
 
-  setMesh(mesh: Mesh | null, images: (hash: number) => Texture | null = () => null): void {
+  /** A mesh without its maps: setMaps adds them. */
+  setMesh(mesh: Mesh | null): void {
     this.geometry?.dispose();
+    this.removeParts();
+    this.geometry = mesh ? attributesOf(mesh) : null;
+    this.mesh = mesh;
+    this.hasColors = false;
+    this.media = [];
+    if (mesh) this.setMaps(new Map());
+    this.redraw();
+  }
+
+  private removeParts(): void {
     for (const part of this.parts) {
       part.material.dispose();
       this.scene.remove(part);
     }
     this.parts = [];
-    this.geometry = null;
-    this.mesh = mesh;
-    this.hasColors = false;
-    if (mesh) this.build(mesh, images);
-    this.redraw();
+    this.textures?.dispose();
+    this.textures = null;
   }
 
-  private build(mesh: Mesh, images: (image: number) => Texture | null): void {
-    const all = (this.geometry = new BufferGeometry());
-    all.setAttribute("position", new BufferAttribute(mesh.positions, 3));
-    all.setAttribute("normal", new BufferAttribute(mesh.normals, 3));
-    if (mesh.uv) all.setAttribute("uv", new BufferAttribute(mesh.uv, 2));
-    if (mesh.tint) all.setAttribute("tint", new BufferAttribute(mesh.tint, 4));
-    if (mesh.blocked) {
-      const sky = new InterleavedBuffer(mesh.blocked, 16);
-      for (let i = 0; i < 4; i++)
-        all.setAttribute(`blocked${i}`, new InterleavedBufferAttribute(sky, 4, 4 * i));
-    }
-    all.setIndex(new BufferAttribute(mesh.triangles, 1));
+  /** The images of the mesh's maps, those that are here. */
+  setMaps(images: Images): void {
+    const { mesh, geometry: all } = this;
+    if (!mesh || !all) return;
+    this.removeParts();
+    const anisotropy = this.renderer.capabilities.getMaxAnisotropy();
+    const textures = (this.textures = new MapTextures(images, anisotropy));
     this.value("split", mesh.split);
     for (const part of mesh.parts) {
       // Parts share the attributes; each draws its run of the index.
@@ -215,39 +242,43 @@ export class Stage {
         geometry.setAttribute(name, attribute);
       geometry.setIndex(all.index);
       geometry.setDrawRange(part.firstIndex, part.nIndex);
-      const surface = part.surface;
-      const map = surface?.baseMap ? images(surface.baseMap.image) : null;
-      const factor = surface?.baseColor.length === 4 ? surface.baseColor : [1, 1, 1, 1];
-      // Without a map or vertex colours the medium alone gives a translucent surface its colour;
-      // colours of opaque ones have their base colour in them.
-      const material = new RawShaderMaterial({
-        glslVersion: GLSL3,
-        vertexShader: surfaceVertex,
-        fragmentShader: surfaceFragment,
-        defines: {
-          ...this.layerDefines(),
-          VERTEX_WIDTH,
-          ...(mesh.blocked ? { BLOCKED: 1 } : {}),
-        },
-        side: DoubleSide,
-        uniforms: {
-          ...this.shared,
-          eta: { value: 1.3 },
-          roughness: { value: 0.3 },
-          divisor: { value: 1 },
-          viewSlope: { value: 0 },
-          opaque: { value: part.opaque ? 1 : 0 },
-          baseMap: { value: map },
-          baseColor: { value: new Vector4(...(factor as [number, number, number, number])) },
-          hasBase: { value: map !== null || mesh.tint !== null },
-          hasMap: { value: map !== null },
-        },
-      });
-      const drawn = new ThreeMesh(geometry, material);
+      const drawn = new ThreeMesh(geometry, this.materialOf(mesh, part, textures));
       drawn.frustumCulled = false;
       this.parts.push(drawn);
       this.scene.add(drawn);
     }
+    this.applyMedia();
+  }
+
+  private materialOf(mesh: Mesh, part: Part, textures: MapTextures): RawShaderMaterial {
+    const look = lookOf(part.surface, textures, {
+      nUv: mesh.uv.length,
+      tinted: mesh.tint !== null,
+      opaque: part.opaque,
+    });
+    const defines: Record<string, number> = {
+      ...look.defines,
+      N_UV: look.uvSets.length,
+      VERTEX_WIDTH,
+      ...(mesh.cornerUv ? { SEAMS: 1 } : {}),
+      ...(mesh.blocked ? { BLOCKED: 1 } : {}),
+    };
+    return new RawShaderMaterial({
+      glslVersion: GLSL3,
+      vertexShader: surfaceVertex(look.uvSets),
+      fragmentShader: surfaceFragment,
+      defines: { ...defines, ...this.layerDefines(look.uvSets.length) },
+      side: DoubleSide,
+      uniforms: {
+        ...this.shared,
+        ...look.uniforms,
+        eta: { value: 1.3 },
+        roughness: { value: 0.3 },
+        divisor: { value: 1 },
+        viewSlope: { value: 0 },
+        opaque: { value: part.opaque ? 1 : 0 },
+      },
+    });
   }
 
   private value(name: string, value: unknown): void {
@@ -257,8 +288,8 @@ export class Stage {
 
   // Phases behind S_0 take a varying each; those beyond the browser's limit are shaded at the
   // vertices.
-  private layerDefines(): Record<string, number> {
-    const free = this.renderer.capabilities.maxVaryings - VARYINGS;
+  private layerDefines(nUv: number): Record<string, number> {
+    const free = this.renderer.capabilities.maxVaryings - VARYINGS - nUv;
     return {
       N_SINGLE: this.single,
       N_PIXEL: Math.max(0, Math.min(this.single - 1, free)),
@@ -278,7 +309,8 @@ export class Stage {
     if (layers - 1 !== this.single) {
       this.single = layers - 1;
       for (const part of this.parts) {
-        Object.assign(part.material.defines, this.layerDefines());
+        const { defines } = part.material as { defines: Record<string, number> };
+        Object.assign(defines, this.layerDefines(defines.N_UV ?? 0));
         part.material.needsUpdate = true;
       }
     }
@@ -288,8 +320,18 @@ export class Stage {
   /** media: of each block of GEOMETRY, or one for all. */
   setMedium(
     media: readonly Medium[],
-    apply: { transmission: boolean; reflection: boolean },
+    apply: { transmission: boolean; reflection: boolean; look: boolean },
   ): void {
+    this.media = media;
+    this.applyMedia();
+    this.value("transmission", apply.transmission ? 1 : 0);
+    this.value("reflection", apply.reflection ? 1 : 0);
+    this.value("plainLook", !apply.look);
+    this.redraw();
+  }
+
+  private applyMedia(): void {
+    const { media } = this;
     this.parts.forEach((part, i) => {
       const block = this.mesh?.parts[i]?.block ?? 0;
       const medium = media[media.length > 1 ? block : 0];
@@ -300,8 +342,6 @@ export class Stage {
       if (u.divisor) u.divisor.value = medium.divisor;
       if (u.viewSlope) u.viewSlope.value = medium.viewSlope;
     });
-    this.value("transmission", apply.transmission ? 1 : 0);
-    this.value("reflection", apply.reflection ? 1 : 0);
     this.redraw();
   }
 
@@ -466,19 +506,6 @@ export class Stage {
     this.renderer.readRenderTargetPixels(target, 0, 0, width, height, out);
     target.dispose();
     return out;
-  }
-
-  /** A texture of GEOMETRY's image: RGBA of 8 bits, level 0; mip levels are made here. */
-  static image(texels: Uint8Array, width: number, height: number): Texture {
-    const texture = new DataTexture(
-      texels.slice(0, 4 * width * height),
-      width,
-      height,
-      RGBAFormat,
-      UnsignedByteType,
-    );
-    texture.generateMipmaps = true;
-    return texture;
   }
 
   dispose(): void {

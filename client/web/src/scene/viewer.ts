@@ -2,7 +2,6 @@
 // A viewer: one model of a daemon in one element of a page. It follows a SceneState: what the
 // daemon has to compute goes out as changes of a view, and the rest is drawn here. A model without
 // a bake, and a browser without WebGL 2, get pictures of the daemon instead.
-import type { Texture } from "three";
 import {
   CancelJobAnswerSchema,
   CancelJobRequestSchema,
@@ -10,8 +9,6 @@ import {
   Engine,
   FactorsAnswerSchema,
   FactorsRequestSchema,
-  GeometryAnswerSchema,
-  GeometryRequestSchema,
   ImageAnswerSchema,
   ImageFormat,
   ImageRequestSchema,
@@ -34,10 +31,11 @@ import { Type } from "../protocol/frame";
 import { meanTransmittance, parseMedium, surfaceOf } from "../state/material";
 import { TONES, type SceneState } from "../state/scene-state";
 import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera";
-import { meshOf, type Mesh } from "./geometry";
+import type { Mesh } from "./geometry";
 import { LightView, type ViewChange, type ViewInit } from "./light-view";
 import { lampsOf, lightMessages, onlyTurned } from "./lights";
 import type { Factors } from "./factors";
+import { fetchImages, fetchMesh, type MeshSource } from "./mesh-source";
 import type { Stage } from "./stage";
 
 export interface Status {
@@ -100,6 +98,7 @@ export class Viewer {
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
   private mesh: Mesh | null = null;
+  private maps = 0; // meshes whose maps are on the way
   private factors: Factors | null = null; // null: colours come as they are
   private frame: Frame | null = null;
   private view: LightView | null = null;
@@ -162,7 +161,7 @@ export class Viewer {
     const divisor = total ? meanTransmittance(eta) : 1;
     stage.setMedium(
       this.outgoing.length ? this.outgoing : [{ eta, roughness, divisor, viewSlope: 0 }],
-      { transmission: total, reflection: total },
+      { transmission: total, reflection: total, look: state.term !== "irradiance" },
     );
     stage.setLook({
       exposure: state.exposure,
@@ -262,43 +261,35 @@ export class Viewer {
     const known =
       this.mesh && this.mesh.generation === info.generation && this.meshOf === info.model;
     if (!stage) return;
-    const mesh = known && this.mesh ? this.mesh : await this.fetchMesh(info, current);
-    if (!mesh || !current()) return;
-    this.frame ??= mesh.frame;
-    this.mesh = mesh;
-    this.meshOf = info.model;
+    const source = known ? null : await fetchMesh(this.client, info.model);
+    if (!current()) return;
+    if (source) {
+      this.frame ??= source.mesh.frame;
+      this.mesh = source.mesh;
+      this.meshOf = info.model;
+      this.factors?.dispose();
+      this.factors = null;
+      stage.setMesh(source.mesh);
+    }
     await this.openView(info, true, current);
-    if (!known && current()) void this.fetchFactors(info, current);
+    if (!source || !current()) return;
+    void this.fetchFactors(info, current);
+    void this.fetchMaps(source, info.model);
   }
   private meshOf = "";
 
-  private async fetchMesh(info: ModelInfo, current: () => boolean): Promise<Mesh | null> {
-    const { message, payload } = await this.client.request(
-      Type.Geometry,
-      GeometryRequestSchema,
-      { model: info.model, ownUnits: true, textures: true },
-      GeometryAnswerSchema,
-    );
-    const mesh = meshOf(message, payload);
-    const images = new Map<number, Texture>();
-    const { Stage } = await import("./stage");
-    for (const part of mesh.parts) {
-      const index = part.surface?.baseMap?.image;
-      const image = index === undefined ? undefined : message.images[index];
-      if (index === undefined || !image || images.has(index)) continue;
-      const texels = await this.client.request(
-        Type.Geometry,
-        GeometryRequestSchema,
-        { model: info.model, image: image.hash },
-        GeometryAnswerSchema,
-      );
-      images.set(index, Stage.image(texels.payload, image.width, image.height));
+  // Maps follow the mesh: the first picture does not wait for them.
+  private async fetchMaps(source: MeshSource, model: string): Promise<void> {
+    if (!source.images.size) return;
+    this.maps++;
+    try {
+      const images = await fetchImages(this.client, model, source.images);
+      if (this.mesh === source.mesh) this.stage?.setMaps(images);
+    } catch (error) {
+      this.events.fault(error as Error);
+    } finally {
+      this.maps--;
     }
-    if (!current()) return null;
-    this.factors?.dispose();
-    this.factors = null;
-    this.stage?.setMesh(mesh, (index) => images.get(index) ?? null);
-    return mesh;
   }
 
   // Colours come at once; when the factors are there the view goes over to coefficients. A
@@ -591,7 +582,9 @@ export class Viewer {
   /** Whether the newest state is drawn: no frame is awaited, and the GPU is idle. */
   get settled(): boolean {
     const { view, stage } = this;
-    return view !== null && view.idle && this.lit !== "" && (!stage || stage.idle);
+    return (
+      view !== null && view.idle && !this.maps && this.lit !== "" && (!stage || stage.idle)
+    );
   }
 
   /** After a change of the element's size. */

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+// A model's mesh and the images of its maps, from GEOMETRY.
+import {
+  GeometryAnswerSchema,
+  GeometryRequestSchema,
+  type TextureImage,
+} from "../gen/relight_pb";
+import type { Client } from "../protocol/client";
+import { Type } from "../protocol/frame";
+import { meshOf, type Mesh } from "./geometry";
+import { imagesOf, type TextureData } from "./surface-maps";
+
+export interface MeshSource {
+  mesh: Mesh;
+  /** Those that its maps use, by their index. */
+  images: Map<number, TextureImage>;
+}
+
+export async function fetchMesh(client: Client, model: string): Promise<MeshSource> {
+  const { message, payload } = await client.request(
+    Type.Geometry,
+    GeometryRequestSchema,
+    { model, ownUnits: true, textures: true },
+    GeometryAnswerSchema,
+  );
+  const mesh = meshOf(message, payload);
+  const images = new Map<number, TextureImage>();
+  for (const index of imagesOf(mesh.parts.map(({ surface }) => surface))) {
+    const image = message.images[index];
+    if (image) images.set(index, image);
+  }
+  return { mesh, images };
+}
+
+/** The texels of images, one after another: on a slow link the light goes on between them. */
+export async function fetchImages(
+  client: Client,
+  model: string,
+  images: MeshSource["images"],
+): Promise<Map<number, TextureData>> {
+  const out = new Map<number, TextureData>();
+  for (const [index, { hash, width, height, kind }] of images) {
+    const { payload } = await client.request(
+      Type.Geometry,
+      GeometryRequestSchema,
+      { model, image: hash },
+      GeometryAnswerSchema,
+    );
+    out.set(index, { texels: payload, width, height, kind });
+  }
+  return out;
+}
