@@ -2,6 +2,7 @@
 // Runs the stages of a bake in order and writes the .prt.
 #include "bake/checkpoint.h"
 #include "bake/measure.h"
+#include "bake/row_lanes.h"
 #include "bake/run.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
@@ -68,6 +69,7 @@ void prt_bake_set_defaults(struct prt_bake_options *o)
     }
     if (!o->n_single) o->n_single = PRT_BAKE_SINGLE_POINTS_DEFAULT;
     if (o->max_error == 0) o->max_error = PRT_BAKE_ERROR_DEFAULT;
+    if (!o->cache_room) o->cache_room = UINT64_C(8) << 30;
 }
 
 static int check_options(const struct prt_context *ctx, const struct prt_mesh *mesh,
@@ -602,15 +604,19 @@ void prt_bake_unplan_single(struct bake *b)
 int prt_bake_irradiance(struct bake *b)
 {
     if (!b->surface || prt_shard_assembling(b) || prt_checkpoint_skips_rows(b)) return PRT_OK;
+    struct ray_store *store = prt_row_lanes_open(b);
     struct irradiance_source from = {.scene = b->scene,
                                      .surface = b->surface,
                                      .hierarchy = b->hierarchy,
                                      .directions = b->directions,
                                      .checkpoint = b->checkpoint,
+                                     .store = store,
                                      .work = &b->work,
                                      .media = &b->o.media,
                                      .room = prt_bake_rows_room(&b->o)};
-    return prt_irradiance_bake(b->ctx, &from, &b->irradiance, &b->rays_irradiance);
+    int status = prt_irradiance_bake(b->ctx, &from, &b->irradiance, &b->rays_irradiance);
+    prt_ray_store_close(store);
+    return status;
 }
 
 static int bake_wavelet(struct bake *b)

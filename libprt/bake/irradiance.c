@@ -4,6 +4,7 @@
 // 250,000 samples).
 #include "bake/checkpoint.h"
 #include "bake/loops.h"
+#include "bake/row_lanes.h"
 #include "bake/run.h"
 #include "bake/work.h"
 
@@ -35,6 +36,7 @@ struct unsure {
     float value[4][16];
     uint32_t mask[4], n;
     const uint32_t *texel[4];
+    uint16_t *open[4];
     uint64_t rays;
 };
 
@@ -67,11 +69,12 @@ static inline bool below(const struct directions *d, size_t at, const float n[3]
     return n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at] < -wide;
 }
 
-// Whether a packet carries little light in any case, because it grazes the surface.
-static bool faint(const struct directions *d, const float value[16])
+// Whether a packet carries little light in any case, because it grazes the surface. Fresnel's
+// factor is left out: the rays of a row are the same for every material.
+static bool faint(const struct directions *d, const float share[16])
 {
     float most = 0;
-    for (int i = 0; i < 16; i++) most = value[i] > most ? value[i] : most;
+    for (int i = 0; i < 16; i++) most = share[i] > most ? share[i] : most;
     return most < d->faint;
 }
 
@@ -108,8 +111,64 @@ static void resolve(struct unsure *u, unsigned turn, float *out)
             u->rays += (unsigned)__builtin_popcount(rest);
         }
         write_texels(u->texel[k], u->value[k], open, out);
+        *u->open[k] = open == u->mask[k] ? 0xffff : (uint16_t)open;
     }
     u->n = 0;
+}
+
+// Casts the rays of packet k whose visibility the horizon does not tell, or has them wait in
+// `u` for others.
+static void trace_packet(struct unsure *u, const struct directions *d, unsigned turn,
+                         uint32_t mask, bool all, const float share[16], uint32_t k,
+                         uint16_t *open, float *out)
+{
+    const uint32_t *texel = d->texel + (size_t)k * 4;
+    if (all || !faint(d, share)) {
+        uint32_t clear = mask & ~prt_scene_occluded16(u->scene, &u->packet[u->n], mask);
+        *open = clear == mask ? 0xffff : (uint16_t)clear; // other lanes carry no light
+        u->rays += (unsigned)__builtin_popcount(mask);
+        write_texels(texel, u->value[u->n], clear, out);
+        return;
+    }
+    u->mask[u->n] = mask;
+    u->texel[u->n] = texel;
+    u->open[u->n] = open;
+    if (++u->n == 4) resolve(u, turn + k, out);
+}
+
+uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct directions *d,
+                              unsigned pattern, const struct fresnel_table *fresnel,
+                              const struct receiver *at, const struct horizon_view *view,
+                              bool known, uint16_t *open, float *out)
+{
+    struct unsure u = {.scene = scene};
+    const struct bake_loops *loops = prt_bake_loops(d->cpu);
+    float eps = prt_scene_epsilon(scene), share[16];
+    size_t base = (size_t)(pattern % d->n_pattern) * d->n_packet * 16;
+    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], at->origin, at->face_normal, eps);
+    set_origin(&u.probe, at->origin, at->face_normal, eps);
+    for (uint32_t k = 0; k < d->n_packet; k++) {
+        const uint32_t *texel = d->texel + (size_t)k * 4;
+        int certain = view && !known ? visibility(d, texel, view) : 0;
+        bool dark =
+            certain < 0 || (known && !open[k]) || below(d, base + (size_t)k * 16, at->normal);
+        uint32_t mask =
+            dark ? 0
+                 : loops->prepare(d, base + (size_t)k * 16, at->normal, at->face_normal,
+                                  fresnel, &u.packet[u.n], u.value[u.n], share);
+        if (!mask) {
+            for (int j = 0; j < 4; j++) out[texel[j]] = 0;
+            if (!known) open[k] = 0;
+        } else if (certain || known) {
+            if (!known) open[k] = 0xffff;
+            write_texels(texel, u.value[u.n], mask & open[k], out);
+        } else {
+            bool all = !view && d->faint < 1;
+            trace_packet(&u, d, pattern, mask, all, share, k, &open[k], out);
+        }
+    }
+    resolve(&u, pattern, out);
+    return u.rays;
 }
 
 uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
@@ -117,40 +176,8 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
                             const struct receiver *at, const struct horizon_view *view,
                             float *out)
 {
-    struct unsure u = {.scene = scene};
-    const struct bake_loops *loops = prt_bake_loops(d->cpu);
-    float eps = prt_scene_epsilon(scene);
-    size_t base = (size_t)(pattern % d->n_pattern) * d->n_packet * 16;
-    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], at->origin, at->face_normal, eps);
-    set_origin(&u.probe, at->origin, at->face_normal, eps);
-    for (uint32_t k = 0; k < d->n_packet; k++) {
-        const uint32_t *texel = d->texel + (size_t)k * 4;
-        struct prt_packet *packet = &u.packet[u.n];
-        int certain = view ? visibility(d, texel, view) : 0;
-        bool dark = certain < 0 || below(d, base + (size_t)k * 16, at->normal);
-        uint32_t mask = dark ? 0
-                             : loops->prepare(d, base + (size_t)k * 16, at->normal,
-                                              at->face_normal, fresnel, packet, u.value[u.n]);
-        if (!mask) {
-            for (int j = 0; j < 4; j++) out[texel[j]] = 0;
-            continue;
-        }
-        if (certain) {
-            write_texels(texel, u.value[u.n], mask, out);
-            continue;
-        }
-        if ((!view && d->faint < 1) || !faint(d, u.value[u.n])) {
-            uint32_t open = mask & ~prt_scene_occluded16(scene, packet, mask);
-            u.rays += (unsigned)__builtin_popcount(mask);
-            write_texels(texel, u.value[u.n], open, out);
-            continue;
-        }
-        u.mask[u.n] = mask;
-        u.texel[u.n] = texel;
-        if (++u.n == 4) resolve(&u, pattern + k, out);
-    }
-    resolve(&u, pattern, out);
-    return u.rays;
+    uint16_t open[MAX_PACKETS];
+    return prt_irradiance_lanes(scene, d, pattern, fresnel, at, view, false, open, out);
 }
 
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
@@ -220,7 +247,8 @@ static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view
 static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct pass_one *p = arg;
-    uint64_t rays = 0;
+    const uint32_t n_packet = p->from.directions->n_packet;
+    uint64_t rays = 0, cast = 0;
     if (prt_checkpoint_read_rows(p->from.checkpoint, p->rows, begin, end - begin, &rays)) {
         atomic_fetch_add(&p->rays, rays);
         return PRT_OK;
@@ -228,25 +256,38 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_trace_thread_init();
     uint64_t started = prt_work_begin();
     float *row = prt_alloc(p->rows->n_coef, sizeof *row);
-    if (!row) return PRT_NOMEM;
+    uint16_t *open = prt_alloc((end - begin) * n_packet, sizeof *open);
+    if (!row || !open) {
+        prt_free(row);
+        prt_free(open);
+        return PRT_NOMEM;
+    }
     struct horizon_view view;
+    const bool known =
+        prt_row_lanes_read(p->from.store, begin, end - begin, n_packet, open, &rays);
     for (size_t i = begin; i < end; i++) {
         uint32_t s = p->from.hierarchy->order[i];
         unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
-        bool found = horizon_of(p, s, &view);
+        bool found = !known && horizon_of(p, s, &view);
         const struct receiver at = {p->from.surface->position[s], p->from.surface->normal[s],
                                     p->from.surface->face_normal[s]};
         const uint32_t medium = prt_media_index(p->from.media, p->from.surface->object[s]);
-        rays += prt_irradiance_row(p->from.scene, p->from.directions, pattern,
-                                   &p->fresnel[medium], &at, found ? &view : NULL, row);
+        cast += prt_irradiance_lanes(p->from.scene, p->from.directions, pattern,
+                                     &p->fresnel[medium], &at, found ? &view : NULL, known,
+                                     open + (i - begin) * n_packet, row);
         for (size_t k = 0; p->from.surface->tint && k < p->rows->n_coef; k++)
             row[k] *= p->from.surface->tint[s];
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
+    if (!known) {
+        rays = cast;
+        prt_row_lanes_write(p->from.store, begin, end - begin, n_packet, open, rays);
+    }
     prt_checkpoint_write_rows(p->from.checkpoint, p->rows, begin, end - begin, rays);
     atomic_fetch_add(&p->rays, rays);
     prt_free(row);
-    prt_work_end(p->from.work, WORK_IRRADIANCE, started, rays, 0);
+    prt_free(open);
+    prt_work_end(p->from.work, WORK_IRRADIANCE, started, cast, 0);
     return PRT_OK;
 }
 

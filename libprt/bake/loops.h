@@ -9,7 +9,7 @@
 struct bake_loops {
     uint32_t (*prepare)(const struct directions *d, size_t at, const float n[3],
                         const float f[3], const struct fresnel_table *fresnel,
-                        struct prt_packet *packet, float *value);
+                        struct prt_packet *packet, float *value, float *share);
     void (*refract)(const struct prt_packet *packet, const struct corners *corner, float eta,
                     struct lanes *out);
     void (*subdivide)(const struct knots *k, uint32_t n_node, uint32_t substeps,

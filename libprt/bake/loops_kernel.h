@@ -4,25 +4,30 @@
 
 /* ---- rays ---- */
 
-// Cosines, mask and weights of one packet. Returns the lanes that can carry light.
+// Cosines, mask and weights of one packet; share is the value without Fresnel's factor. Returns
+// the lanes that can carry light. The loops have no branch, so that they vectorise.
 static uint32_t PRT_KERNEL(prepare)(const struct directions *d, size_t at, const float n[3],
                                     const float f[3], const struct fresnel_table *fresnel,
-                                    struct prt_packet *packet, float *value)
+                                    struct prt_packet *restrict packet, float *restrict value,
+                                    float *restrict share)
 {
-    float keep[16];
-    for (int i = 0; i < 16; i++) {
-        float x = d->x[at + i], y = d->y[at + i], z = d->z[at + i];
-        float cosine = n[0] * x + n[1] * y + n[2] * z;
-        float horizon = f[0] * x + f[1] * y + f[2] * z;
-        float c = cosine > 0 ? cosine : 0;
-        c = c < 1 ? c : 1;
-        keep[i] = cosine > 0 && horizon > 0 ? 1.0f : 0.0f;
-        packet->dx[i] = x, packet->dy[i] = y, packet->dz[i] = z;
-        float ft = fresnel ? fresnel_table_eval(fresnel, c) : 1.0f;
-        value[i] = keep[i] * ft * c * d->weight[at + i];
-    }
+    const float *x = d->x + at, *y = d->y + at, *z = d->z + at, *weight = d->weight + at;
+    const float n0 = n[0], n1 = n[1], n2 = n[2], f0 = f[0], f1 = f[1], f2 = f[2];
+    float c[16];
     uint32_t mask = 0;
-    for (int i = 0; i < 16; i++) mask |= (uint32_t)(keep[i] > 0) << i;
+    for (int i = 0; i < 16; i++) {
+        float cosine = n0 * x[i] + n1 * y[i] + n2 * z[i];
+        float horizon = f0 * x[i] + f1 * y[i] + f2 * z[i];
+        cosine = horizon > 0 ? cosine : 0;
+        cosine = cosine > 0 ? cosine : 0;
+        c[i] = cosine < 1 ? cosine : 1;
+    }
+    for (int i = 0; i < 16; i++) {
+        packet->dx[i] = x[i], packet->dy[i] = y[i], packet->dz[i] = z[i];
+        value[i] = share[i] = c[i] * weight[i];
+    }
+    for (int i = 0; fresnel && i < 16; i++) value[i] *= fresnel_table_eval(fresnel, c[i]);
+    for (int i = 0; i < 16; i++) mask |= (uint32_t)(c[i] > 0) << i;
     return mask;
 }
 

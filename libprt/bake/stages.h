@@ -8,12 +8,14 @@
 #define PRT_BAKE_STAGES_H
 
 #include "prt/bake.h"
+#include "prt/bake_limits.h"
 #include "prt/surface.h"
 #include "prt/trace.h"
 
 /* ---- directions: jittered sub-samples of texels ------------------------------------------ */
 
 enum { SUBS = 4 }; /* 2 x 2 sub-samples a texel, W05 §3 */
+enum { MAX_PACKETS = 6 * PRT_BAKE_CUBE_MAX * PRT_BAKE_CUBE_MAX / 4 };
 
 /* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
  * the whole sphere. The weights of a texel's sub-samples sum to 1. */
@@ -26,7 +28,8 @@ struct directions {
     float *weight;      /* [n_pattern][n_packet][16] */
     uint32_t *texel;    /* [n_packet][4] texel of each four lanes */
     float *solid_angle; /* [n_coef] sr */
-    float faint;        /* share of full light below which one ray of four is cast first */
+    float faint;        /* share of a texel's light, without Fresnel's factor, below which one
+                           ray of four is cast first */
     uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
 };
 int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
@@ -63,6 +66,12 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
                             unsigned pattern, const struct fresnel_table *fresnel,
                             const struct receiver *at, const struct horizon_view *view,
                             float *out);
+/* The same with the directions that see the sky, open [n_packet], a bit a ray: `known` ones are
+ * taken and no ray is cast; else they are written. */
+uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct directions *d,
+                              unsigned pattern, const struct fresnel_table *fresnel,
+                              const struct receiver *at, const struct horizon_view *view,
+                              bool known, uint16_t *open, float *out);
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 
@@ -77,6 +86,7 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_c
 void prt_half_rows_finish(struct half_rows *rows);
 
 struct checkpoint;  /* checkpoint.h */
+struct ray_store;   /* ray_store.h */
 struct work_meters; /* work.h */
 
 struct node {
@@ -105,13 +115,14 @@ struct irradiance_source {
     const struct hierarchy *hierarchy;
     const struct directions *directions;
     struct checkpoint *checkpoint; /* or NULL */
+    struct ray_store *store;       /* of this pass, or NULL */
     struct work_meters *work;      /* or NULL */
     const struct prt_media *media; /* whose eta each object has */
     size_t room;                   /* bytes of memory for the rows (prt_half_rows_create) */
 };
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
- * the number of rays cast. Pieces that the checkpoint has are read, others are recorded there.
- * Reports "irradiance" and "hierarchy" as progress. */
+ * the number of rays that they take, those of the store among them. Pieces that the checkpoint
+ * has are read, others are recorded there. Reports "irradiance" and "hierarchy" as progress. */
 int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_source *from,
                         struct half_rows *out, uint64_t *rays);
 

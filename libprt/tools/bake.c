@@ -30,6 +30,7 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
                            "--transport polynomial is baked under one light: it needs --env");
     if (o->checkpoint_room && !o->checkpoint)
         return usage_error(o, "--checkpoint-room is for --checkpoint");
+    if (o->cache_room && !o->cache) return usage_error(o, "--cache-room is for --cache");
     if (sparse && engine != PRT_TRANSPORT_WAVELET)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
@@ -79,6 +80,8 @@ static struct prt_bake_options bake_options(const struct options *o,
         .n_shard = o->n_shard,
         .checkpoint = o->checkpoint,
         .checkpoint_room = o->checkpoint_room,
+        .cache = o->cache,
+        .cache_room = o->cache_room,
     };
 }
 

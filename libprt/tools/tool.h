@@ -43,7 +43,7 @@ struct options {
     unsigned n_input;
     const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *animation,
         *variant, *cpu, *scattering, *exit;
-    const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
+    const char *tone, *background, *layout, *orbit, *up, *checkpoint, *cache, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *material[PRT_MEDIA_MAX]; /* "[OBJECT=]NAME|FILE" */
@@ -55,7 +55,7 @@ struct options {
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
         bump_mm, time_s, texture_split;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed, walks;
-    uint64_t threads, msaa, quality, vertices, memory, checkpoint_room;
+    uint64_t threads, msaa, quality, vertices, memory, checkpoint_room, cache_room;
     bool memory_set, estimate, accept_weak_sandbox;
     uint32_t cube; /* 0: not given */
     bool cube_full;

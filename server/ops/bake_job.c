@@ -178,6 +178,10 @@ static struct job_order bake_order(struct server *server, const char *id, const 
         load_add_arg(&c, "--checkpoint=.checkpoint");
         load_add_arg(&c, "--checkpoint-room=%llu", (unsigned long long)room);
     }
+    if (o->bake_cache && !server->data_temporary && strcmp(o->runner, "slurm")) {
+        load_add_arg(&c, "--cache=../../rays");
+        load_add_arg(&c, "--cache-room=%llu", (unsigned long long)o->bake_cache);
+    }
     struct job_order order = {.argv = end_command(&c, recipe, "args"), .cwd = strdup(folder)};
     order.kind = (struct pace_kind){
         .joint = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "joint")),

@@ -13,7 +13,7 @@ extern "C" {
 
 /* Raised when a bake of the same inputs gives other numbers than before: what is cached by a
  * bake's inputs has this among them. */
-enum { PRT_BAKE_VERSION = 1 };
+enum { PRT_BAKE_VERSION = 2 };
 
 /* The dipole takes the surface around each point for a plane. Random walks inside the body
  * assume no shape (METHODS §9): `multiple` is then light of two scatterings or more, and the
@@ -86,6 +86,12 @@ struct prt_bake_options {
      * repeated after an interruption. */
     const char *checkpoint;
     uint64_t checkpoint_room;
+    /* A folder, or NULL. Results of rays that do not depend on the material are kept there, and
+     * a bake of an equal mesh casts only the others, to the same bytes. Files that were not
+     * used for longest are removed beyond cache_room bytes; 0: 8 GiB. A file that is damaged
+     * costs a warning and its rays. */
+    const char *cache;
+    uint64_t cache_room;
     uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them
                       * are kept on disk; 0: the memory that is free */
     struct prt_bake_profile *profile; /* out, or NULL: filled when the bake succeeds, which
