@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 // The seat in a review room: its state and events, the people in it; rooms are listed, made,
 // entered and left.
-import { fromBinary } from "@bufbuild/protobuf";
+import { create, fromBinary } from "@bufbuild/protobuf";
 import { effect } from "@preact/signals";
 import {
   ErrorCode,
   EventKind,
   EventSchema,
+  PinSchema,
   PresenceSchema,
   RoomCreateAnswerSchema,
   RoomCreateRequestSchema,
@@ -208,9 +209,22 @@ useRoom(fetchState, () =>
 function takeEvents(payload: Uint8Array): void {
   for (const event of fromBinary(RoomEventsSchema, payload).events) {
     lastSequence = event.stamp?.sequence ?? lastSequence;
+    if (lastSequence <= (state.value?.sequence ?? 0n)) continue; // a state that was read has it
     if (event.action?.scene) takeChange(event);
-    else fetchState();
+    else {
+      if (event.action?.pin) takePin(event);
+      fetchState();
+    }
   }
+}
+// A pin is shown at once; what the room found out about it comes with the state.
+function takePin({ action, stamp }: RoomEvent): void {
+  const now = state.value;
+  const put = action?.pin;
+  if (!now || !put || !stamp) return;
+  const { at, seen, text } = put;
+  const pin = create(PinSchema, { stamp, at, seen, notes: [{ stamp, text }] });
+  state.value = { ...now, pins: [...now.pins, pin] };
 }
 // A change of the scene needs no new state: it says what it changes.
 function takeChange({ action, client: author, stamp }: RoomEvent): void {
