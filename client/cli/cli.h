@@ -3,13 +3,14 @@
 #ifndef RELIGHT_CLI_H
 #define RELIGHT_CLI_H
 
+#include "common/program.h"
 #include "relight/relight.h"
 #include "vertex_file.h"
 
 #include <cjson/cJSON.h>
 #include <stdio.h>
 
-enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_WORDS = 16 };
+enum { MAX_WORDS = 16 };
 
 /* Every option of every command; a command's table says which it takes. */
 struct options {

@@ -10,21 +10,6 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-static int exit_status(int code)
-{
-    switch (code) {
-    case RELIGHT_E_UNREACHABLE:
-    case RELIGHT_E_DISCONNECTED:
-        return EXIT_UNREACHABLE;
-    case RELIGHT_E_ARGUMENT:
-    case RELIGHT_E_OUT_OF_RANGE:
-    case RELIGHT_E_MISMATCH:
-        return EXIT_USAGE;
-    default:
-        return EXIT_FAILED;
-    }
-}
-
 int report_error(const struct options *options, const struct relight_error *error)
 {
     progress_clear();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// relight room anchors: where the pins lie on the model that the room shows now. On the pin's
-// own model it is the same triangle, also where its vertices moved; on another model the
+// relight room anchors: where the pins lie on the model that the room shows now. On a model of
+// the pin's mesh it is the same triangle, also where its vertices moved; on another one the
 // nearest point of its surface, if there is one near enough.
 #include "room.h"
 
@@ -12,7 +12,7 @@
 static const double most_distance = .01;
 
 struct anchor {
-    bool placed, same_model;
+    bool placed, same_mesh;
     uint32_t object, triangle;
     double weight[2], position[3];
     double distance; // from where the pin was, in diagonals
@@ -125,16 +125,24 @@ static void read_position(const cJSON *at, double out[3])
     out[2] = number_of(p, "z");
 }
 
+// A model that was baked anew is another model of the same mesh.
+static bool same_mesh(const struct relight_geometry *g, const char *model, const cJSON *seen)
+{
+    const char *hash = text_of(seen, "mesh_hash");
+    if (*hash && *g->mesh_hash) return !strcmp(hash, g->mesh_hash);
+    return !strcmp(text_of(seen, "model"), model);
+}
+
 static struct anchor find_anchor(const struct relight_geometry *g, const char *model,
                                  double size, const cJSON *pin)
 {
     const cJSON *at = list_of(pin, "at");
-    struct anchor a = {.same_model = !strcmp(text_of(list_of(pin, "seen"), "model"), model),
+    struct anchor a = {.same_mesh = same_mesh(g, model, list_of(pin, "seen")),
                        .triangle = (uint32_t)number_of(at, "triangle")};
     double was[3];
     bool known = list_of(at, "position") != NULL;
     read_position(at, was);
-    if (a.same_model && a.triangle < g->n_triangle) {
+    if (a.same_mesh && a.triangle < g->n_triangle) {
         a.weight[0] = number_of(at, "b1");
         a.weight[1] = number_of(at, "b2");
         point_of(g, a.triangle, a.weight, a.position);
@@ -162,7 +170,7 @@ static void print_anchor(double pin, const struct anchor *a)
             "than %g %%\n",
             100 * a->distance, 100 * most_distance);
     else if (!a->placed) printf("cannot be placed: its position was not kept\n");
-    else if (!a->same_model)
+    else if (!a->same_mesh)
         printf("on the nearest surface, %.3f %% of the model's size away: %u,%u,%.4f,%.4f\n",
                100 * a->distance, a->object, a->triangle, a->weight[0], a->weight[1]);
     else if (a->distance > 1e-6)
@@ -178,7 +186,7 @@ static cJSON *anchor_json(double pin, const struct anchor *a)
     cJSON_AddNumberToObject(json, "pin", pin);
     cJSON_AddStringToObject(json, "state",
                             !a->placed           ? "lost"
-                            : !a->same_model     ? "placed"
+                            : !a->same_mesh      ? "placed"
                             : a->distance > 1e-6 ? "moved"
                                                  : "same");
     if (isfinite(a->distance)) cJSON_AddNumberToObject(json, "distance", a->distance);

@@ -3,12 +3,13 @@
 #ifndef RELIGHT_CONTROL_H
 #define RELIGHT_CONTROL_H
 
+#include "common/program.h"
 #include "motion.h"
 #include "relight/relight.h"
 
 #include <cjson/cJSON.h>
 
-enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MOST_LIGHTS = 16 };
+enum { MOST_LIGHTS = 16 };
 
 enum task { TASK_CONTROL, TASK_LIST, TASK_CHECK, TASK_LEARN };
 struct options {

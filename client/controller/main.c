@@ -25,16 +25,7 @@ int report(const struct relight_error *error)
 {
     say("%s", error->text);
     if (*error->hint) say("%s", error->hint);
-    switch (error->code) {
-    case RELIGHT_E_UNREACHABLE:
-    case RELIGHT_E_DISCONNECTED:
-        return EXIT_UNREACHABLE;
-    case RELIGHT_E_ARGUMENT:
-    case RELIGHT_E_OUT_OF_RANGE:
-        return EXIT_USAGE;
-    default:
-        return EXIT_FAILED;
-    }
+    return exit_status(error->code);
 }
 
 // ---- devices

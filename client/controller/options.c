@@ -55,16 +55,6 @@ static const struct argp_option table[] = {
     {0},
 };
 
-static double number(struct argp_state *state, const char *what, const char *text, double min,
-                     double max)
-{
-    char *end;
-    double x = strtod(text, &end);
-    if (end == text || *end || !isfinite(x) || x < min || x > max)
-        argp_error(state, "--%s %s: expected a number in [%g, %g]", what, text, min, max);
-    return x;
-}
-
 static void add_device(struct argp_state *state, struct options *o, const char *text)
 {
     unsigned vendor, product;
@@ -114,10 +104,10 @@ static error_t parse_other(int key, char *arg, struct argp_state *state)
         set_task(state, o, TASK_CHECK, arg);
         break;
     case KEY_WAIT:
-        o->wait_s = number(state, "wait", arg, .1, 600);
+        o->wait_s = option_number(state, "wait", arg, .1, 600);
         break;
     case KEY_FOR:
-        o->for_s = number(state, "for", arg, .01, 1e6);
+        o->for_s = option_number(state, "for", arg, .01, 1e6);
         break;
     case KEY_MEASURE:
         o->measure = true;
@@ -172,16 +162,16 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         size(state, o, arg);
         break;
     case 'r':
-        o->rotate_deg = (float)number(state, "rotate", arg, -1e6, 1e6);
+        o->rotate_deg = (float)option_number(state, "rotate", arg, -1e6, 1e6);
         break;
     case 'O':
         orbit(state, o, arg);
         break;
     case 'x':
-        o->picture.exposure_ev = (float)number(state, "exposure", arg, -20, 20);
+        o->picture.exposure_ev = (float)option_number(state, "exposure", arg, -20, 20);
         break;
     case 'l':
-        o->light = (int)number(state, "light", arg, 1, MOST_LIGHTS) - 1;
+        o->light = (int)option_number(state, "light", arg, 1, MOST_LIGHTS) - 1;
         break;
     case KEY_AS:
         o->as = arg;

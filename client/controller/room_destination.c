@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// A review room: the controller sits in it as a participant and changes its shared scene. Edits
-// are sent without waiting for the disk, a few at a time; a thread takes their answers, another
-// one follows what others change.
+// A review room: the controller sits in it as a participant and changes its shared scene. While
+// a hand moves something the others see it by presence; when it rests for a moment one edit
+// keeps it. Edits are sent without waiting for the disk; a thread takes their answers, another
+// one follows what others change, a third one sends the edit of a hand that rests.
 #include "control.h"
 
 #include <pthread.h>
@@ -10,21 +11,27 @@
 #include <time.h>
 
 enum { MOST_OPEN = 16 };
+static const uint64_t rest_ns = 250000000;   // a hand that moved nothing for so long rests
+static const uint64_t most_ns = 10000000000; // one that does not rest is kept so often
 
 struct room {
     struct destination base; // first
     struct control *control;
     char id[RELIGHT_ROOM];
     uint64_t sequence; // of the room when the program joined
-    pthread_t answers, news;
-    pthread_mutex_t lock; // all below
+    pthread_t answers, news, keeper;
+    pthread_mutex_t sending; // one edit after another
+    pthread_mutex_t lock;    // all below
     pthread_cond_t wake;
     cJSON *scene, *first; // first: as it was when the program joined
     uint64_t changes;     // of the scene by this program
     bool stale;           // the scene is to be fetched once no edit is open
     uint64_t open[MOST_OPEN];
     uint32_t n_open;
-    char said[384]; // the last error
+    cJSON *held;      // names of the parts that the hand moved since the last edit; NULL: none
+    uint64_t rest_at; // when an edit keeps them, CLOCK_MONOTONIC, ns
+    uint64_t keep_at; // the latest time for it
+    char said[384];   // the last error
 };
 
 static void say_once(struct room *r, const struct relight_error *error)
@@ -145,6 +152,8 @@ static uint64_t next_open(struct room *r)
     return id;
 }
 
+static bool present(struct room *r);
+
 // false: the connection is lost.
 static bool take_answer(struct room *r, uint64_t id)
 {
@@ -157,6 +166,7 @@ static bool take_answer(struct room *r, uint64_t id)
     pthread_cond_broadcast(&r->wake);
     pthread_mutex_unlock(&r->lock);
     if (status) say_once(r, &error);
+    else present(r); // what the edit kept is no longer in the hand
     return status != -RELIGHT_E_DISCONNECTED;
 }
 
@@ -193,7 +203,7 @@ static bool begin(struct room *r, cJSON *action)
         return false;
     }
     pthread_mutex_lock(&r->lock);
-    r->open[r->n_open++] = id; // one thread sends
+    r->open[r->n_open++] = id;
     pthread_cond_broadcast(&r->wake);
     pthread_mutex_unlock(&r->lock);
     return true;
@@ -211,7 +221,10 @@ static bool begin_plain(struct room *r, const char *what)
     struct timespec end;
     cJSON *action = cJSON_CreateObject();
     cJSON_AddObjectToObject(action, what);
-    if (!begin(r, action)) return false;
+    pthread_mutex_lock(&r->sending);
+    bool begun = begin(r, action);
+    pthread_mutex_unlock(&r->sending);
+    if (!begun) return false;
     set_stale(r);
     in_a_second(&end);
     pthread_mutex_lock(&r->lock);
@@ -220,34 +233,127 @@ static bool begin_plain(struct room *r, const char *what)
     return true;
 }
 
-// The action that sends the parts that changed; NULL: nothing did.
-static cJSON *scene_action(struct room *r, const struct change *c)
+static uint64_t monotonic_ns(void)
 {
-    cJSON *parts = cJSON_CreateArray(), *part;
-    pthread_mutex_lock(&r->lock);
-    bool any = scene_change(r->scene, r->first, c, r->control->options.light, parts);
-    r->changes += any;
-    cJSON *action = any ? cJSON_CreateObject() : NULL;
-    cJSON *change = cJSON_AddObjectToObject(action, "scene");
-    cJSON *scene = cJSON_AddObjectToObject(change, "scene");
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000 + (uint64_t)t.tv_nsec;
+}
+
+// ---- a hand: by presence while it moves, as an edit when it rests
+
+// The parts of the scene that these names say. Under the lock.
+static cJSON *scene_of(const struct room *r, const cJSON *parts)
+{
+    cJSON *scene = cJSON_CreateObject();
+    const cJSON *part;
     cJSON_ArrayForEach(part, parts)
     {
         const cJSON *value = cJSON_GetObjectItemCaseSensitive(r->scene, part->valuestring);
-        if (value && any)
-            cJSON_AddItemToObject(scene, part->valuestring, cJSON_Duplicate(value, 1));
+        if (value) cJSON_AddItemToObject(scene, part->valuestring, cJSON_Duplicate(value, 1));
+    }
+    return scene;
+}
+
+// Others see the parts that are held, or that none is. Before the seat is taken nobody looks.
+static bool present(struct room *r)
+{
+    struct relight_error error;
+    cJSON *me = cJSON_CreateObject();
+    cJSON_AddStringToObject(me, "name", r->control->me);
+    pthread_mutex_lock(&r->lock);
+    if (r->held) {
+        cJSON_AddItemToObject(me, "hand", scene_of(r, r->held));
+        cJSON_AddItemToObject(me, "hand_parts", cJSON_Duplicate(r->held, 1));
     }
     pthread_mutex_unlock(&r->lock);
-    if (any) cJSON_AddItemToObject(change, "parts", parts);
-    else cJSON_Delete(parts);
-    return action;
+    char *text = cJSON_PrintUnformatted(me);
+    int status = relight_room_present(r->control->client, r->id, text ? text : "", &error);
+    cJSON_Delete(me);
+    free(text);
+    if (status && status != -RELIGHT_E_NOT_FOUND) say_once(r, &error);
+    return !status || status == -RELIGHT_E_NOT_FOUND;
+}
+
+static void hold(struct room *r, const cJSON *parts)
+{
+    const cJSON *part, *held;
+    uint64_t now = monotonic_ns();
+    if (!r->held) {
+        r->held = cJSON_CreateArray();
+        r->keep_at = now + most_ns;
+    }
+    r->rest_at = now + rest_ns < r->keep_at ? now + rest_ns : r->keep_at;
+    cJSON_ArrayForEach(part, parts)
+    {
+        bool known = false;
+        cJSON_ArrayForEach(held, r->held) known |=
+            !strcmp(held->valuestring, part->valuestring);
+        if (!known) cJSON_AddItemToArray(r->held, cJSON_CreateString(part->valuestring));
+    }
+    pthread_cond_broadcast(&r->wake);
+}
+
+// What the hand moved becomes an edit, before anything that is sent after it.
+static void keep(struct room *r)
+{
+    cJSON *action = NULL;
+    pthread_mutex_lock(&r->sending);
+    pthread_mutex_lock(&r->lock);
+    if (r->held) {
+        action = cJSON_CreateObject();
+        cJSON *change = cJSON_AddObjectToObject(action, "scene");
+        cJSON_AddItemToObject(change, "scene", scene_of(r, r->held));
+        cJSON_AddItemToObject(change, "parts", r->held);
+        r->held = NULL;
+    }
+    pthread_mutex_unlock(&r->lock);
+    if (action) begin(r, action);
+    pthread_mutex_unlock(&r->sending);
+}
+
+static void *keep_always(void *user)
+{
+    struct room *r = user;
+    pthread_mutex_lock(&r->lock);
+    for (;;) {
+        uint64_t now = monotonic_ns();
+        if (!r->held) {
+            pthread_cond_wait(&r->wake, &r->lock);
+        } else if (now < r->rest_at) {
+            struct timespec end;
+            clock_gettime(CLOCK_REALTIME, &end);
+            uint64_t ns = (uint64_t)end.tv_nsec + r->rest_at - now;
+            end.tv_sec += (time_t)(ns / 1000000000);
+            end.tv_nsec = (long)(ns % 1000000000);
+            pthread_cond_timedwait(&r->wake, &r->lock, &end);
+        } else {
+            pthread_mutex_unlock(&r->lock);
+            keep(r);
+            pthread_mutex_lock(&r->lock);
+        }
+    }
+    return NULL;
+}
+
+// false: nothing changed.
+static bool move(struct room *r, const struct change *c)
+{
+    cJSON *parts = cJSON_CreateArray();
+    pthread_mutex_lock(&r->lock);
+    bool any = scene_change(r->scene, r->first, c, r->control->options.light, parts);
+    r->changes += any;
+    if (any) hold(r, parts);
+    pthread_mutex_unlock(&r->lock);
+    cJSON_Delete(parts);
+    return any;
 }
 
 static bool send(void *user, const struct change *c)
 {
     struct room *r = user;
-    bool sent = false;
-    cJSON *action = scene_action(r, c);
-    if (action) sent = begin(r, action);
+    bool sent = move(r, c) && present(r);
+    if (c->undo || c->redo) keep(r);
     if (c->undo) sent |= begin_plain(r, "undo");
     if (c->redo) sent |= begin_plain(r, "redo");
     return sent;
@@ -258,6 +364,7 @@ static void stop(struct destination *base)
 {
     struct room *r = (struct room *)base;
     struct timespec end;
+    keep(r);
     in_a_second(&end);
     pthread_mutex_lock(&r->lock);
     while (r->n_open && !pthread_cond_timedwait(&r->wake, &r->lock, &end)) continue;
@@ -274,13 +381,16 @@ struct destination *open_room(struct control *control, const char *id, int *stat
     }
     *r = (struct room){.base = {send, stop}, .control = control};
     snprintf(r->id, sizeof r->id, "%s", id);
+    pthread_mutex_init(&r->sending, NULL);
     pthread_mutex_init(&r->lock, NULL);
     pthread_cond_init(&r->wake, NULL);
     // The client closes when the program ends: the threads end with it.
     if (!fetch(r, &r->sequence, &error) &&
         !pthread_create(&r->answers, NULL, take_answers, r) &&
-        !pthread_create(&r->news, NULL, follow, r)) {
+        !pthread_create(&r->news, NULL, follow, r) &&
+        !pthread_create(&r->keeper, NULL, keep_always, r)) {
         pthread_detach(r->answers);
+        pthread_detach(r->keeper);
         pthread_detach(r->news);
         return &r->base;
     }

@@ -155,8 +155,11 @@ static void add_control(struct usb_open *d, uint32_t interface, const struct hid
     c->repeats = c->kind == CONTROL_DEFLECTION && d->known->kind == KNOWN_SPACEMOUSE;
     memcpy(c->name, f->name, sizeof c->name);
     // The same name on another interface.
-    for (unsigned n = 2; has_name(d, c->name); n++)
-        snprintf(c->name, sizeof c->name, "%.10s_%u", f->name, n % 1000);
+    for (unsigned n = 2; has_name(d, c->name); n++) {
+        char other[HID_NAME];
+        snprintf(other, sizeof other, "%.10s_%u", f->name, n % 1000);
+        memcpy(c->name, other, sizeof other);
+    }
     d->base.n_control++;
 }
 

@@ -475,6 +475,7 @@ static int geometry(struct relight_client *client, const char *model, const char
         .n_block = a->n_blocks,
         .n_medium = a->n_media,
         .medium = (const char *const *)a->media,
+        .mesh_hash = a->mesh_hash,
         .owner = owner};
     bool good = !textures || relight_get_textures(owner, answer, &g);
     if (!good || relight_get_blocks(owner, a->n_blocks, a->blocks, &g.block)) {

@@ -380,19 +380,68 @@ static int take_news(const struct answer *answer, uint64_t *after, relight_room_
     return 0;
 }
 
-static int follow(struct relight_client *client, const char *room, const char *me,
-                  uint64_t *after, double wait_s, relight_room_fn fn, void *user,
-                  struct relight_error *error)
-{
-    Relight__SubscribeRequest m = RELIGHT__SUBSCRIBE_REQUEST__INIT;
-    Relight__Participant self = RELIGHT__PARTICIPANT__INIT;
+// Seats that threads of this process have: ROOM_PRESENCE names the SUBSCRIBE of its connection.
+struct seat {
+    struct seat *next;
+    const struct relight_client *client;
+    const char *room;
     uint64_t id;
-    self.name = relight_text(me);
-    m.room = relight_text(room);
-    m.after = *after;
-    m.me = &self;
-    int status =
-        relight_start(client, RELIGHT_TYPE_SUBSCRIBE, &m.base, NULL, 0, 0, false, &id, error);
+};
+static pthread_mutex_t seat_lock = PTHREAD_MUTEX_INITIALIZER;
+static struct seat *seats;
+
+static void sit(struct seat *seat)
+{
+    pthread_mutex_lock(&seat_lock);
+    seat->next = seats;
+    seats = seat;
+    pthread_mutex_unlock(&seat_lock);
+}
+
+static void stand_up(const struct seat *seat)
+{
+    struct seat **at = &seats;
+    pthread_mutex_lock(&seat_lock);
+    while (*at != seat) at = &(*at)->next;
+    *at = seat->next;
+    pthread_mutex_unlock(&seat_lock);
+}
+
+// 0: nobody sits there.
+static uint64_t seat_of(const struct relight_client *client, const char *room)
+{
+    uint64_t id = 0;
+    pthread_mutex_lock(&seat_lock);
+    for (const struct seat *s = seats; s && !id; s = s->next)
+        if (s->client == client && !strcmp(s->room, room)) id = s->id;
+    pthread_mutex_unlock(&seat_lock);
+    return id;
+}
+
+int relight_room_present(struct relight_client *client, const char *room,
+                         const char *participant, struct relight_error *error)
+{
+    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
+    ProtobufCMessage *parsed;
+    int status = parse(participant, &relight__participant__descriptor, &parsed, error);
+    if (status) return status;
+    m.subscription = seat_of(client, room);
+    m.me = (Relight__Participant *)parsed;
+    if (m.subscription)
+        status = relight_start(client, RELIGHT_TYPE_ROOM_PRESENCE, &m.base, NULL, 0, 0, true,
+                               NULL, error);
+    else
+        status = relight_fail(error, RELIGHT_E_NOT_FOUND, "relight_room_follow takes a seat",
+                              "nobody of this process sits in the room");
+    protobuf_c_message_free_unpacked(parsed, NULL);
+    return status;
+}
+
+// Takes what comes until fn or the time ends it.
+static int take_all(struct relight_client *client, uint64_t id, uint64_t *after, double wait_s,
+                    relight_room_fn fn, void *user, struct relight_error *error)
+{
+    int status = 0;
     while (!status) {
         struct answer *answer;
         status = relight_next(client, id, wait_s < 0 ? 1e9 : wait_s, &answer, error);
@@ -407,6 +456,27 @@ static int follow(struct relight_client *client, const char *room, const char *m
         relight_answer_free(answer);
         if (status) relight_forget(client, id);
     }
+    return status;
+}
+
+static int follow(struct relight_client *client, const char *room, const char *me,
+                  uint64_t *after, double wait_s, relight_room_fn fn, void *user,
+                  struct relight_error *error)
+{
+    Relight__SubscribeRequest m = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    Relight__Participant self = RELIGHT__PARTICIPANT__INIT;
+    uint64_t id;
+    self.name = relight_text(me);
+    m.room = relight_text(room);
+    m.after = *after;
+    m.me = &self;
+    int status =
+        relight_start(client, RELIGHT_TYPE_SUBSCRIBE, &m.base, NULL, 0, 0, false, &id, error);
+    if (status) return status;
+    struct seat seat = {.client = client, .room = room, .id = id};
+    sit(&seat);
+    status = take_all(client, id, after, wait_s, fn, user, error);
+    stand_up(&seat);
     return status;
 }
 

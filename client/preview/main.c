@@ -6,21 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static int exit_status(int code)
-{
-    switch (code) {
-    case RELIGHT_E_UNREACHABLE:
-    case RELIGHT_E_DISCONNECTED:
-        return EXIT_UNREACHABLE;
-    case RELIGHT_E_ARGUMENT:
-    case RELIGHT_E_OUT_OF_RANGE:
-    case RELIGHT_E_MISMATCH:
-        return EXIT_USAGE;
-    default:
-        return EXIT_FAILED;
-    }
-}
-
 int report(const struct relight_error *error)
 {
     fprintf(stderr, "relight-preview: %s\n", error->text);

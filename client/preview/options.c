@@ -59,16 +59,6 @@ static const struct argp_option table[] = {
     {0},
 };
 
-static double number(struct argp_state *state, const char *what, const char *text, double min,
-                     double max)
-{
-    char *end;
-    double x = strtod(text, &end);
-    if (end == text || *end || !isfinite(x) || x < min || x > max)
-        argp_error(state, "--%s %s: expected a number in [%g, %g]", what, text, min, max);
-    return x;
-}
-
 static void size(struct argp_state *state, struct options *o, const char *text)
 {
     int used = 0;
@@ -158,10 +148,10 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
         o->tone = (enum prt_tone)word(state, "tone", arg, "filmic\0reinhard\0none\0");
         break;
     case 'x':
-        o->exposure_ev = (float)number(state, "exposure", arg, -40, 40);
+        o->exposure_ev = (float)option_number(state, "exposure", arg, -40, 40);
         break;
     case 'q':
-        o->quality = (int)number(state, "quality", arg, 1, 100);
+        o->quality = (int)option_number(state, "quality", arg, 1, 100);
         break;
     case 'f':
         o->format = (enum relight_color_format)word(state, "format", arg, "f32\0f16\0rgb9e5\0");
@@ -180,17 +170,17 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->server = arg;
         break;
     case 'T':
-        o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6);
+        o->timeout_s = option_number(state, "timeout", arg, 1e-3, 1e6);
         break;
     case 'e':
         if (o->n_env == MAX_ENV) argp_error(state, "--env: at most %d", MAX_ENV);
         o->env[o->n_env++] = arg;
         break;
     case 'r':
-        o->rotate_deg = number(state, "rotate", arg, -1e6, 1e6);
+        o->rotate_deg = option_number(state, "rotate", arg, -1e6, 1e6);
         break;
     case 'N':
-        o->n_frame = (uint32_t)number(state, "frames", arg, 1, 3600);
+        o->n_frame = (uint32_t)option_number(state, "frames", arg, 1, 3600);
         break;
     case 't':
         o->turn_light = word(state, "turn", arg, "camera\0light\0");
@@ -199,7 +189,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->sheet = true;
         break;
     case 'g':
-        o->gap = (uint32_t)number(state, "gap", arg, 0, 256);
+        o->gap = (uint32_t)option_number(state, "gap", arg, 0, 256);
         break;
     case 'o':
         o->output = arg;

@@ -3,11 +3,12 @@
 #ifndef RELIGHT_PREVIEW_H
 #define RELIGHT_PREVIEW_H
 
+#include "common/program.h"
 #include "prt/media.h"
 #include "prt/picture.h"
 #include "relight/relight.h"
 
-enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_ENV = 16 };
+enum { MAX_ENV = 16 };
 
 struct options {
     const char *server, *model, *output;

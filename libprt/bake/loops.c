@@ -15,18 +15,8 @@ enum { ROW_LANES = 16 }; // sums and maxima kept apart, in a register; divides 6
 // over changes of a thousandth in most places.
 static const float least_slope = 1e-3f, least_ratio = 1e-3f;
 
-#define PRT_ISA_NAME c
-#include "bake/loops_kernel.h"
-#if PRT_ISA_X86
-PRT_ISA_BEGIN(PRT_ISA_AVX2)
-#define PRT_ISA_NAME avx2
-#include "bake/loops_kernel.h"
-PRT_ISA_END
-PRT_ISA_BEGIN(PRT_ISA_AVX512)
-#define PRT_ISA_NAME avx512
-#include "bake/loops_kernel.h"
-PRT_ISA_END
-#endif
+#define PRT_KERNEL_FILE "bake/loops_kernel.h"
+#include "base/isa_each.h"
 
 const struct bake_loops *prt_bake_loops(unsigned cpu)
 {

@@ -299,5 +299,3 @@ static const struct bake_loops PRT_KERNEL(loops) = {
     .count_above = PRT_KERNEL(count_above),
     .squared_steps = PRT_KERNEL(squared_steps),
     .raise_share = PRT_KERNEL(raise_share)};
-
-#undef PRT_ISA_NAME

@@ -5,17 +5,11 @@
 // A kernel is written once for each instruction set, between PRT_ISA_BEGIN and PRT_ISA_END, and
 // is called through a pointer that the context's CPU mask chose (enum prt_cpu in prt/base.h). A
 // kernel in plain C that only needs to be compiled several times stands in a header of its own,
-// which is included once in each of these regions with PRT_ISA_NAME defined; the header names
-// its functions PRT_KERNEL(name).
+// which isa_each.h includes once in each of these regions; the header names its functions
+// PRT_KERNEL(name).
 //
-//     #define PRT_ISA_NAME c
-//     #include "pattern_kernel.h"
-//     #if PRT_ISA_X86
-//     PRT_ISA_BEGIN(PRT_ISA_AVX2)
-//     #define PRT_ISA_NAME avx2
-//     #include "pattern_kernel.h"
-//     PRT_ISA_END
-//     #endif
+//     #define PRT_KERNEL_FILE "screen/pattern_kernel.h"
+//     #include "base/isa_each.h"
 //
 // Headers with intrinsics (immintrin.h, arm_neon.h) are included here, outside every region.
 #ifndef PRT_BASE_ISA_H

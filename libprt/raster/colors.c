@@ -5,21 +5,8 @@
 
 #include <string.h>
 
-#define PRT_ISA_NAME c
-#include "colors_kernel.h"
-#undef PRT_ISA_NAME
-#if PRT_ISA_X86
-PRT_ISA_BEGIN(PRT_ISA_AVX2)
-#define PRT_ISA_NAME avx2
-#include "colors_kernel.h"
-#undef PRT_ISA_NAME
-PRT_ISA_END
-PRT_ISA_BEGIN(PRT_ISA_AVX512)
-#define PRT_ISA_NAME avx512
-#include "colors_kernel.h"
-#undef PRT_ISA_NAME
-PRT_ISA_END
-#endif
+#define PRT_KERNEL_FILE "raster/colors_kernel.h"
+#include "base/isa_each.h"
 
 void prt_encode_rgb9e5(const struct prt_context *ctx, const float *rgb, size_t n, uint32_t *out)
 {

@@ -63,21 +63,8 @@ struct shade_job {
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
 
-#define PRT_ISA_NAME c
-#include "shade_kernel.h"
-#undef PRT_ISA_NAME
-#if PRT_ISA_X86
-PRT_ISA_BEGIN(PRT_ISA_AVX2)
-#define PRT_ISA_NAME avx2
-#include "shade_kernel.h"
-#undef PRT_ISA_NAME
-PRT_ISA_END
-PRT_ISA_BEGIN(PRT_ISA_AVX512)
-#define PRT_ISA_NAME avx512
-#include "shade_kernel.h"
-#undef PRT_ISA_NAME
-PRT_ISA_END
-#endif
+#define PRT_KERNEL_FILE "raster/shade_kernel.h"
+#include "base/isa_each.h"
 
 static int shade_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {

@@ -86,23 +86,8 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
 }
 
 enum { LANES = 64 };
-#define PRT_ISA_NAME c
-#include "pattern_kernel.h"
-#undef PRT_ISA_NAME
-#if PRT_ISA_X86
-PRT_ISA_BEGIN(PRT_ISA_AVX2)
-#define PRT_ISA_NAME avx2
-#include "pattern_kernel.h"
-#undef PRT_ISA_NAME
-PRT_ISA_END
-PRT_ISA_BEGIN(PRT_ISA_AVX512)
-#define PRT_ISA_NAME avx512
-#define RADIAL_PERMUTE
-#include "pattern_kernel.h"
-#undef RADIAL_PERMUTE
-#undef PRT_ISA_NAME
-PRT_ISA_END
-#endif
+#define PRT_KERNEL_FILE "screen/pattern_kernel.h"
+#include "base/isa_each.h"
 
 typedef void (*receive_fn)(const struct light_map *m, const struct pattern *pat,
                            const struct radial_table *table, uint32_t object, float u, float v,

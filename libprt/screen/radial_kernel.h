@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
-/* R_d over lanes. Included once for each instruction set, in its region of base/isa.h, with
- * RADIAL_PERMUTE defined where AVX-512 registers hold the table. Arrays hold LANES. */
+/* R_d over lanes, included by base/isa_each.h for each instruction set: AVX-512 registers hold
+ * the table. Arrays hold LANES. */
 
-#ifdef RADIAL_PERMUTE
+#if PRT_ISA_LANES == 16
 static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
                                float *r0, float *r1, float *r2)
 {

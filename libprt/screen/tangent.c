@@ -42,23 +42,8 @@ double prt_screen_tangent_radius(const struct prt_diffusion d[3], double xi, dou
     return r;
 }
 
-#define PRT_ISA_NAME c
-#include "tangent_kernel.h"
-#undef PRT_ISA_NAME
-#if PRT_ISA_X86
-PRT_ISA_BEGIN(PRT_ISA_AVX2)
-#define PRT_ISA_NAME avx2
-#include "tangent_kernel.h"
-#undef PRT_ISA_NAME
-PRT_ISA_END
-PRT_ISA_BEGIN(PRT_ISA_AVX512)
-#define PRT_ISA_NAME avx512
-#define RADIAL_PERMUTE
-#include "tangent_kernel.h"
-#undef RADIAL_PERMUTE
-#undef PRT_ISA_NAME
-PRT_ISA_END
-#endif
+#define PRT_KERNEL_FILE "screen/tangent_kernel.h"
+#include "base/isa_each.h"
 
 static void job_finish(struct tangent_job *job)
 {

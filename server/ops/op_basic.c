@@ -382,6 +382,7 @@ struct geometry {
     float scale;
     uint64_t generation;
     size_t normals_offset, triangles_offset, size;
+    char mesh_hash[17];
     char *bytes;
 };
 
@@ -428,6 +429,7 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
         out.triangles_offset = g->triangles ? g->triangles_offset : 0;
         out.mm_per_unit = mesh->mm_per_unit;
         out.generation = g->generation;
+        out.mesh_hash = g->mesh_hash;
         void *textures = g->textures ? texture_answer(mesh, &g->sections, &out) : NULL;
         g->bytes = NULL;
         request_answer(request, &out.base, &payload);
@@ -456,6 +458,9 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
                                pose && pose->name[0] ? pose->generation : m->generation,
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
+    const struct prt_file *file = ((struct shape *)shape->value)->file->value;
+    uint64_t hash = prt_file_transport(file)->mesh_hash;
+    if (hash) snprintf(g->mesh_hash, sizeof g->mesh_hash, "%016llx", (unsigned long long)hash);
     g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
     size_t vectors = (size_t)mesh->n_vertex * 12;
     g->size = vectors;

@@ -85,7 +85,8 @@ struct room {
     struct reader *readers;     /* ROOM_GETs that wait for the disk */
     struct shared_bytes *batch; /* the last piece of the tail that was sent */
     uint64_t batch_from, batch_to;
-    uint64_t presence; /* grows with every change of a participant */
+    uint64_t presence;  /* grows with every change of a participant */
+    uint64_t ticked_ns; /* when changes of participants were, or will be, sent */
     struct {
         uint64_t key, presence;
     } gone[ROOM_GONE];

@@ -65,12 +65,14 @@ static void tick(struct loop_timer *timer)
     seats_wake((struct room *)((char *)timer - offsetof(struct room, tick)));
 }
 
-// Changes are sent together, some thirty times a second.
+// The first change is sent at once, those that follow it together, some thirty times a second.
 static void presence_changed(struct room *room)
 {
+    uint64_t now_ns = loop_now_ns(), at_ns = room->ticked_ns + tick_ns;
     room->tick.fire = tick;
-    if (!room->tick.armed)
-        loop_timer_set(room->rooms->server->loop, &room->tick, loop_now_ns() + tick_ns);
+    if (room->tick.armed) return;
+    room->ticked_ns = at_ns > now_ns ? at_ns : now_ns;
+    loop_timer_set(room->rooms->server->loop, &room->tick, room->ticked_ns);
 }
 
 static void leave(struct request *request)
@@ -247,12 +249,22 @@ static void deliver(struct loop_timer *timer)
 
 // ---- coming in
 
-static const char *text_fault(const Relight__Participant *me)
+// NULL: the participant is one that a room takes.
+static const char *me_fault(const Relight__Participant *me, char error[ROOM_ERROR])
 {
     if (strlen(me->name) > ROOM_MAX_PERSON) return "me.name: at most 64 bytes";
     if (protobuf_c_message_get_packed_size(&me->base) > MAX_PRESENCE)
         return "me: a participant takes at most 4096 bytes";
+    if (me->n_hand_parts > ROOM_N_PART) return "me.hand_parts: at most 6 parts";
+    if (!room_message_sane(&me->base, error) || room_scene_check(me->hand, error)) return error;
     return NULL;
+}
+
+// Whose hand moves the shared scene may also change it.
+static bool may_move(const struct seat *seat)
+{
+    const Relight__RoomState *state = seat->room->state;
+    return seat->role >= RELIGHT__ROOM_ROLE__ROLE_REVIEWER && state && !state->closed;
 }
 
 // What the client says about itself, with what the daemon says.
@@ -264,6 +276,11 @@ static bool set_me(struct seat *seat, const Relight__Participant *from)
     m.by = seat->request->conn->caller.name;
     m.role = (Relight__RoomRole)seat->role;
     m.gone = false;
+    if (!may_move(seat)) {
+        m.hand = NULL;
+        m.n_hand_parts = 0;
+        m.leads = false;
+    }
     Relight__Participant *copy = message_copy(&m);
     if (!copy) return false;
     if (seat->me) relight__participant__free_unpacked(seat->me, NULL);
@@ -304,8 +321,7 @@ void room_subscribe(struct request *request)
 {
     const Relight__SubscribeRequest *in = (const Relight__SubscribeRequest *)request->message;
     char error[ROOM_ERROR];
-    const char *fault = in->me ? text_fault(in->me) : NULL;
-    if (!fault && in->me && !room_message_sane(&in->me->base, error)) fault = error;
+    const char *fault = in->me ? me_fault(in->me, error) : NULL;
     if (fault) request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "%s", fault);
     else with_room(request, in->room, take_seat);
 }
@@ -332,6 +348,6 @@ void take_room_presence(struct connection *conn, const ProtobufCMessage *message
     char error[ROOM_ERROR];
     struct request *r = conn->requests;
     while (r && (r->id != in->subscription || !request_state(r, leave))) r = r->next;
-    if (!r || !in->me || text_fault(in->me) || !room_message_sane(&in->me->base, error)) return;
+    if (!r || !in->me || me_fault(in->me, error)) return;
     set_me(r->state, in->me);
 }

@@ -5,6 +5,7 @@
 #include "rooms/postgres.h"
 
 #include "core/log.h"
+#include "rooms/task_queue.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -25,10 +26,7 @@ struct pg_store {
     struct loop *loop;
     char *where;
     pthread_t tasks, listener;
-    pthread_mutex_t lock;
-    pthread_cond_t changed;
-    struct room_task *first, **last;
-    bool closing;
+    struct task_queue queue;
     int stop; // eventfd of the listener
 };
 
@@ -94,32 +92,13 @@ static void run_tasks(struct pg_store *s, struct room_task *const *task, size_t 
     }
 }
 
-static struct room_task *take_all(struct pg_store *s)
-{
-    pthread_mutex_lock(&s->lock);
-    while (!s->first && !s->closing) pthread_cond_wait(&s->changed, &s->lock);
-    struct room_task *all = s->first;
-    s->first = NULL;
-    s->last = &s->first;
-    pthread_mutex_unlock(&s->lock);
-    return all;
-}
-
 static void *run(void *user)
 {
     struct pg_store *s = user;
     struct room_task *batch[MOST_TOGETHER];
-    for (struct room_task *all; (all = take_all(s));)
-        while (all) {
-            size_t n = 0;
-            for (; all && n < MOST_TOGETHER && all->kind == ROOM_TASK_APPEND; all = all->next)
-                batch[n++] = all;
-            if (!n) {
-                batch[n++] = all;
-                all = all->next;
-            }
+    for (struct room_task *all; (all = task_queue_take_all(&s->queue));)
+        for (size_t n; (n = task_queue_next(&all, batch, MOST_TOGETHER));)
             run_tasks(s, batch, n);
-        }
     return NULL;
 }
 
@@ -199,33 +178,16 @@ static void *listen_always(void *user)
 
 // ---- the interface
 
-static void handle(struct loop_message *message)
-{
-    struct room_task *task =
-        (struct room_task *)((char *)message - offsetof(struct room_task, message));
-    task->done(task);
-}
-
 static void submit(struct room_store *store, struct room_task *task)
 {
-    struct pg_store *s = (struct pg_store *)store;
-    task->message.handle = handle;
-    task->next = NULL;
-    task->status = ROOM_TASK_DONE;
-    task->error[0] = 0;
-    pthread_mutex_lock(&s->lock);
-    *s->last = task;
-    s->last = &task->next;
-    pthread_cond_signal(&s->changed);
-    pthread_mutex_unlock(&s->lock);
+    task_queue_add(&((struct pg_store *)store)->queue, task);
 }
 
 static void free_store(struct pg_store *s)
 {
     pg_disconnect(&s->db);
     if (s->stop >= 0) close(s->stop);
-    pthread_mutex_destroy(&s->lock);
-    pthread_cond_destroy(&s->changed);
+    task_queue_finish(&s->queue);
     free(s->where);
     free(s);
 }
@@ -238,12 +200,10 @@ static int open_store(const char *where, struct loop *loop, struct room_store **
     if (!s) return -1;
     s->store.api = &room_store_postgres;
     s->loop = loop;
-    s->last = &s->first;
     s->stop = eventfd(0, EFD_CLOEXEC);
     s->where = strdup(where);
     s->db.where = s->where;
-    pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->changed, NULL);
+    task_queue_init(&s->queue);
     if (s->where && pg_connect(&s->db)) snprintf(error, 256, "rooms: %.200s", s->db.error);
     if (!s->db.conn || s->stop < 0) {
         free_store(s);
@@ -263,10 +223,7 @@ static void close_store(struct room_store *store)
 {
     struct pg_store *s = (struct pg_store *)store;
     uint64_t one = 1;
-    pthread_mutex_lock(&s->lock);
-    s->closing = true;
-    pthread_cond_signal(&s->changed);
-    pthread_mutex_unlock(&s->lock);
+    task_queue_close(&s->queue);
     if (write(s->stop, &one, sizeof one) != sizeof one) abort();
     pthread_join(s->tasks, NULL);
     pthread_join(s->listener, NULL);

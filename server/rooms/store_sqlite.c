@@ -4,6 +4,7 @@
 #include "rooms/store_sqlite.h"
 
 #include "rooms/sqlite_schema.h"
+#include "rooms/task_queue.h"
 
 #include <pthread.h>
 #include <stdio.h>
@@ -17,10 +18,7 @@ struct sqlite_store {
     struct sqlite_db db;
     struct loop *loop;
     pthread_t thread;
-    pthread_mutex_t lock;
-    pthread_cond_t changed;
-    struct room_task *first, **last;
-    bool closing;
+    struct task_queue queue;
 };
 
 // ---- the thread
@@ -40,60 +38,27 @@ static void commit_appends(struct sqlite_store *s, struct room_task *const *task
     }
 }
 
-static struct room_task *take_all(struct sqlite_store *s)
-{
-    pthread_mutex_lock(&s->lock);
-    while (!s->first && !s->closing) pthread_cond_wait(&s->changed, &s->lock);
-    struct room_task *all = s->first;
-    s->first = NULL;
-    s->last = &s->first;
-    pthread_mutex_unlock(&s->lock);
-    return all;
-}
-
 static void *run(void *user)
 {
     struct sqlite_store *s = user;
     struct room_task *batch[MOST_TOGETHER];
-    for (struct room_task *all; (all = take_all(s));) {
-        while (all) {
-            size_t n = 0;
-            for (; all && n < MOST_TOGETHER && all->kind == ROOM_TASK_APPEND; all = all->next)
-                batch[n++] = all;
-            if (n) {
+    for (struct room_task *all; (all = task_queue_take_all(&s->queue));)
+        for (size_t n; (n = task_queue_next(&all, batch, MOST_TOGETHER));) {
+            if (batch[0]->kind == ROOM_TASK_APPEND) {
                 commit_appends(s, batch, n);
                 continue;
             }
-            struct room_task *task = all;
-            all = all->next;
-            sqlite_run(&s->db, task);
-            loop_post(s->loop, &task->message);
+            sqlite_run(&s->db, batch[0]);
+            loop_post(s->loop, &batch[0]->message);
         }
-    }
     return NULL;
-}
-
-static void handle(struct loop_message *message)
-{
-    struct room_task *task =
-        (struct room_task *)((char *)message - offsetof(struct room_task, message));
-    task->done(task);
 }
 
 // ---- the interface
 
 static void submit(struct room_store *store, struct room_task *task)
 {
-    struct sqlite_store *s = (struct sqlite_store *)store;
-    task->message.handle = handle;
-    task->next = NULL;
-    task->status = ROOM_TASK_DONE;
-    task->error[0] = 0;
-    pthread_mutex_lock(&s->lock);
-    *s->last = task;
-    s->last = &task->next;
-    pthread_cond_signal(&s->changed);
-    pthread_mutex_unlock(&s->lock);
+    task_queue_add(&((struct sqlite_store *)store)->queue, task);
 }
 
 static int open_store(const char *where, struct loop *loop, struct room_store **out,
@@ -106,9 +71,7 @@ static int open_store(const char *where, struct loop *loop, struct room_store **
     }
     s->store.api = &room_store_sqlite;
     s->loop = loop;
-    s->last = &s->first;
-    pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->changed, NULL);
+    task_queue_init(&s->queue);
     if (sqlite_open(&s->db, where, error)) {
         free(s);
         return -1;
@@ -126,14 +89,10 @@ static int open_store(const char *where, struct loop *loop, struct room_store **
 static void close_store(struct room_store *store)
 {
     struct sqlite_store *s = (struct sqlite_store *)store;
-    pthread_mutex_lock(&s->lock);
-    s->closing = true;
-    pthread_cond_signal(&s->changed);
-    pthread_mutex_unlock(&s->lock);
+    task_queue_close(&s->queue);
     pthread_join(s->thread, NULL);
     sqlite_close(&s->db);
-    pthread_mutex_destroy(&s->lock);
-    pthread_cond_destroy(&s->changed);
+    task_queue_finish(&s->queue);
     free(s);
 }
 

@@ -16,6 +16,7 @@ import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import assert from "node:assert/strict";
+import { reviewScenarios } from "./review.mjs";
 import { roomScenarios } from "./rooms.mjs";
 import { toy } from "./toy.mjs";
 
@@ -32,7 +33,7 @@ if (!browserPath) {
   process.exit(77);
 }
 const folder = mkdtempSync(join(tmpdir(), "relight-browser-"));
-const PATIENCE = { timeout: 240_000 }; // how long a busy machine may take; nothing fails by speed
+const PATIENCE = { timeout: Number(process.env.PATIENCE_MS ?? 240_000) }; // how long a busy machine may take; nothing fails by speed
 
 // ---- a model, a daemon
 
@@ -57,15 +58,24 @@ function bumpySphere() {
   return `${lines.join("\n")}\n`;
 }
 
+// The side of +x, where it is farther than 0.4, is pressed in.
+function shorter(line) {
+  const [x, y, z] = line.split(" ").slice(1).map(Number);
+  return `v ${x > 0.4 ? 0.4 + 0.3 * (x - 0.4) : x} ${y} ${z}`;
+}
+
 function bake() {
   mkdirSync(join(folder, "models"));
   writeFileSync(join(folder, "bumps.obj"), bumpySphere());
   writeFileSync(join(folder, "toy.glb"), toy());
+  // Another model of nearly the same surface: pins of the first find their place by position.
+  writeFileSync(join(folder, "shorter.obj"), bumpySphere().replace(/^v .*$/gm, shorter));
   const common = ["--size-mm", "20", "--cube", "16", "--samples", "6000"];
   for (const [name, file, extra] of [
     ["marble", "bumps.obj", ["--material", "marble"]],
     ["open", "bumps.obj", []],
     ["toy", "toy.glb", ["--material", "Left=marble", "--material", "skin1"]],
+    ["shorter", "shorter.obj", ["--material", "wholemilk"]],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
     const done = spawnSync(join(bin, "prt"), [
@@ -131,6 +141,20 @@ async function stop() {
   const ended = new Promise((resolve) => old.on("exit", resolve));
   old.kill("SIGTERM");
   await ended;
+}
+
+// The events of a room, as the terminal's client reads them.
+function roomLog(room) {
+  const read = spawnSync(
+    join(bin, "relight"),
+    ["-s", `unix:${join(folder, "socket")}`, "room", "log", room, "--json"],
+    { maxBuffer: 1 << 26 },
+  );
+  assert.equal(read.status, 0, String(read.stderr));
+  return String(read.stdout)
+    .split("\n")
+    .filter(Boolean)
+    .map((line) => JSON.parse(line));
 }
 
 // ---- the browser
@@ -628,7 +652,8 @@ const scenarios = {
     }
   },
 
-  ...roomScenarios({ open, mode, shot, axe, PATIENCE }),
+  ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
+  ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 
   // Last: a token closes the daemon for the others.
   async "a token is wanted, and rights are respected"(home, port) {

@@ -34,6 +34,40 @@ async function agree(a, b) {
   }
 }
 
+// A hand with Shift turns the light; it presses at the middle and moves to the right.
+async function drag(page, steps) {
+  await page.locator(".stage").focus();
+  await page.keyboard.down("Shift");
+  await page.mouse.move(300, 380);
+  await page.mouse.down();
+  for (let i = 1; i <= steps; i++) {
+    await page.mouse.move(300 + 3 * i, 380);
+    await page.waitForTimeout(40);
+  }
+  await page.mouse.up();
+  await page.keyboard.up("Shift");
+}
+
+// Milliseconds between two frames while the page draws as fast as it can: the median.
+const drawingTime = (page) =>
+  page.evaluate(async () => {
+    const v = globalThis.relightViewer;
+    const times = [];
+    for (let i = 0; i < 12; i++) {
+      const begin = performance.now();
+      v.show({ ...v.state, exposure: v.state.exposure + (i % 2 ? -0.01 : 0.01) });
+      await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve, 0)));
+      times.push(performance.now() - begin);
+    }
+    return Math.round(times.sort((a, b) => a - b)[6]);
+  });
+
+// Until nothing of this page is on its way and its hand rests.
+async function settles(page) {
+  await page.waitForTimeout(400);
+  await page.waitForFunction(() => globalThis.relightRoom?.rests(), null, { timeout: 120_000 });
+}
+
 function quantile(values, share) {
   const sorted = [...values].sort((a, b) => a - b);
   return sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
@@ -49,8 +83,9 @@ async function placePin(page, text, at) {
   return begin;
 }
 
-/** tools: open, mode, settled, shot, axe, PATIENCE of page.mjs. */
-export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
+/** tools: open, mode, shot, axe, roomLog, PATIENCE of page.mjs. */
+export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
+  const sceneEvents = (room) => roomLog(room).filter(({ action }) => action.scene);
   // A page of its own person.
   const enter = async (url, name) => {
     const page = await open("about:blank", named(name));
@@ -69,6 +104,7 @@ export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
       await ann.getByRole("button", { name: "Create the room" }).click();
       await inRoom(ann);
       const link = ann.url();
+      const room = /room=([0-9a-f]{32})/.exec(link)[1];
       assert.match(link, /\?room=[0-9a-f]{32}/);
       const bob = await enter(link.replace(/#.*/, ""), "Bob Stone");
       await inRoom(bob);
@@ -107,14 +143,11 @@ export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
       await bob.locator("img.seen").first().waitFor(PATIENCE);
       await shot(ann, "room");
 
-      // A light drag: each step's time in both browsers.
+      // A light drag: each step's time in both browsers. It goes by presence; the log has its end.
+      const before_drag = sceneEvents(room).length;
       await watchTurns(ann);
       await watchTurns(bob);
-      await ann.locator(".stage").focus();
-      for (let i = 0; i < 50; i++) {
-        await ann.keyboard.press("Shift+ArrowRight");
-        await ann.waitForTimeout(40);
-      }
+      await drag(ann, 50);
       const last = (await turnOf(ann)).toFixed(3);
       await bob.waitForFunction(
         (turn) => globalThis.turns.some(([one]) => one === turn),
@@ -129,6 +162,12 @@ export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
       console.log(
         `     a light drag is there after ${quantile(drags, 0.5)} ms (median), ${quantile(drags, 0.95)} ms (p95; goal 150), ${drags.length} of ${sent.size} steps`,
       );
+      console.log(
+        `     of which the other page's own drawing: ${await drawingTime(bob)} ms a frame`,
+      );
+      await settles(ann);
+      const edits = sceneEvents(room).length - before_drag;
+      assert.ok(edits >= 1 && edits < sent.size / 2, `${edits} edits for ${sent.size} steps`);
 
       // Alone, and back to all.
       await bob.locator(".stage").focus();
@@ -161,11 +200,14 @@ export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
       await bob.getByRole("radio", { name: "Mine" }).click();
       assert.equal(await bob.locator(".pin-row").count(), 6); // all mention him
       await ann.getByLabel("Note of the decision").fill("as agreed");
-      await ann.getByRole("button", { name: "Approve" }).click();
+      await ann.getByRole("button", { name: "Approve", exact: true }).click();
+      await ann.getByAltText("What the decision is about").waitFor(PATIENCE);
+      await ann.getByRole("button", { name: "Approve this picture" }).click();
       await bob.getByText("approved as it is now").waitFor(PATIENCE);
       await bob.locator(".stage").focus();
       await bob.keyboard.press("Shift+ArrowRight");
       await ann.getByText(/approved at revision \d+, changed since/).waitFor(PATIENCE);
+      await ann.getByText(/ΔE₀₀ mean \d/).waitFor(PATIENCE);
 
       // A guest by link looks, and may not pin.
       await ann.getByRole("button", { name: "Invite" }).click();
@@ -178,7 +220,11 @@ export function roomScenarios({ open, mode, shot, axe, PATIENCE }) {
       assert.equal(await guest.getByRole("button", { name: "Pin", exact: true }).count(), 0);
       assert.equal(await guest.getByText("Not permitted").count(), 0);
       assert.ok(!guest.url().includes("relight_"), "the secret stays in the address");
+      // Revoked, the link is dead and the guest leaves the room.
+      await ann.getByRole("button", { name: "Revoke the link of guest" }).click();
+      await guest.locator(".room-bar").waitFor({ ...PATIENCE, state: "detached" });
       await guest.context().close();
+      await ann.getByRole("button", { name: "Close", exact: true }).click();
 
       await ann.evaluate(axe);
       const found = await ann.evaluate(() =>

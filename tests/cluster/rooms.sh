@@ -15,7 +15,7 @@ wrong() { echo "WRONG: $*"; tail -n 12 "$T"/*.log "$T/out" 2>/dev/null; exit 1; 
 start() { # NAME OPTION…
     "$bin/relightd" --data "$T/$1" --listen "unix:$T/$1.s" --listen tcp:127.0.0.1:0 "${@:2}" 2>>"$T/$1.log" &
     pids+=($!)
-    for _ in $(seq 200); do grep -q ' start version' "$T/$1.log" 2>/dev/null && return; sleep .05; done
+    for _ in $(seq 1200); do grep -q ' start version' "$T/$1.log" 2>/dev/null && return; sleep .05; done
     wrong "$1 does not start"
 }
 stop() { kill "${pids[-1]}"; wait "${pids[-1]}"; unset 'pids[-1]'; }

@@ -31,7 +31,7 @@ start() { # NAME OPTION…
     shift
     "$bin/relightd" --data "$T/$name" --listen "unix:$T/$name.s" "$@" 2>>"$T/$name.log" &
     daemon=$!
-    for _ in $(seq 200); do [ -S "$T/$name.s" ] && break; sleep .05; done
+    for _ in $(seq 1200); do [ -S "$T/$name.s" ] && break; sleep .05; done
     export RELIGHT_SERVER=unix:$T/$name.s
 }
 stop() { kill "$daemon"; wait "$daemon"; daemon=; }
@@ -64,7 +64,7 @@ echo "an array of 4 made the bytes of the local bake"
 
 # A task that Slurm runs again, and a relightd that is killed: the same array goes on.
 id2=$(load 12000 | id_of)
-for _ in $(seq 100); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
+for _ in $(seq 600); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
 read -r array _ <"nodes/$id2/.slurm/array"
 scontrol requeue "${array}_0" || wrong "task 0 could not be requeued"
 kill -9 "$daemon"
@@ -81,9 +81,9 @@ echo "a requeued task and a killed relightd: the same bytes"
 
 start slurm "${slurm[@]}"
 job=$(load 60000 --seed 5 | sed -n 's/.*job \(job-[0-9a-f-]*\).*/\1/p')
-for _ in $(seq 100); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
+for _ in $(seq 600); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
 "$bin/relight" cancel "$job" >/dev/null || wrong "cancel"
-for _ in $(seq 100); do [ -z "$(squeue -h -t PD,R)" ] && break; sleep .1; done
+for _ in $(seq 600); do [ -z "$(squeue -h -t PD,R)" ] && break; sleep .1; done
 [ -z "$(squeue -h -t PD,R)" ] || wrong "Slurm goes on after a cancel"
 echo "a bake was cancelled"
 

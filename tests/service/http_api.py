@@ -243,7 +243,7 @@ def bodies_that_end_early_or_drip(d):
     with socket.create_connection(("127.0.0.1", d.port), timeout=20) as s:
         s.sendall(head)
         try:
-            while time.monotonic() < began + 15:
+            while time.monotonic() < began + 60:
                 s.sendall(b"x")
                 time.sleep(0.1)
                 s.settimeout(0.001)
@@ -254,7 +254,7 @@ def bodies_that_end_early_or_drip(d):
                     s.settimeout(20)
         except (BrokenPipeError, ConnectionResetError):
             pass
-    assert time.monotonic() < began + 15, "a body may drip for ever (--frame-time)"
+    assert time.monotonic() < began + 60, "a body may drip for ever (--frame-time)"
     d.wait_metric('relightd_resource_held{resource="payload"}', 0)
 
 

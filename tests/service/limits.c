@@ -376,7 +376,7 @@ static double loop_cpu_ms(void)
 // received, counted and hashed elsewhere.
 static void test_cubes_are_hashed_elsewhere(void **state)
 {
-    enum { CUBES = 16, TEXELS = CUBES * 6 * 128 * 128 * 3, TURNS = 4 };
+    enum { CUBES = 16, TEXELS = CUBES * 6 * 128 * 128 * 3, TURNS = 6 };
     static const char *const extra[] = {"--client-memory", "1G", NULL};
     begin(extra);
     struct frames *f = frames_open(&d);
@@ -405,10 +405,11 @@ static void test_cubes_are_hashed_elsewhere(void **state)
         frames_send(f);
         assert_int_equal(frames_wait(f, id).code, cubes ? RELIGHT__ERROR_CODE__ERROR_NOT_FOUND
                                                         : RELIGHT__ERROR_CODE__ERROR_HASH);
-        cpu_ms[cubes] += loop_cpu_ms() - before;
+        double ms = loop_cpu_ms() - before; // the best turn: what else runs only adds
+        if (!cpu_ms[cubes] || ms < cpu_ms[cubes]) cpu_ms[cubes] = ms;
     }
-    print_message("18 MiB: %.1f ms of the loop for cubes, %.1f ms for an upload\n",
-                  cpu_ms[1] / TURNS, cpu_ms[0] / TURNS);
+    print_message("18 MiB: %.1f ms of the loop for cubes, %.1f ms for an upload\n", cpu_ms[1],
+                  cpu_ms[0]);
     assert_true(cpu_ms[1] < 1.6 * cpu_ms[0]);
     // One that is no radiance is found there, too.
     texels[1234567] = -1;

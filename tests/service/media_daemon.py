@@ -6,45 +6,19 @@ loads by a map of materials are prt's.
    tests/service/media_daemon.py BIN FOLDER_OF_THE_PYTHON_PACKAGE"""
 import json
 import os
-import subprocess
 import sys
-import tempfile
-import time
 
-BIN = os.path.abspath(sys.argv[1])
 PYTHON = os.path.abspath(sys.argv[2])
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
 import candle  # noqa: E402
+from programs import daemon, expect, main, prt, relight, run, same  # noqa: E402
 
-failed = 0
 LIT = ['--env', 'constant', '--rotate', '30']
 PICTURE = [*LIT, '--size', '96x72']
 # of the index of the bake's wax and holder
 GREEN = '{"name":"green","sigma_s_prime":[1,2,1],"sigma_a":[0.1,0.01,0.1],"g":0.2,"eta":1.5,"roughness":0.1}'
 # a profile is parsed by a worker
 CURVE = '{"name":"curve","profile":"burley","albedo":[0.8,0.7,0.6],"mean_free_path":[1.5,1.2,1],"eta":1.3}'
-
-
-def expect(good, text):
-    global failed
-    if not good:
-        failed += 1
-        print('FAIL: ' + text)
-
-
-def run(program, *args, status=0):
-    done = subprocess.run([os.path.join(BIN, program), *args], capture_output=True, text=True, timeout=300)
-    expect(done.returncode == status,
-           '%s %s: status %d: %s' % (program, ' '.join(args), done.returncode, done.stderr))
-    return done.stdout + done.stderr
-
-
-def relight(*args, status=0):
-    return run('relight', '-s', 'unix:socket', *args, status=status)
-
-
-def same(a, b, most):
-    run('prt', 'compare', a, b, '--max-rmse', str(most))
 
 
 def rows(path):
@@ -58,21 +32,21 @@ def material(*entries):
 
 def one_bake():
     """A wavelet bake of two media: theirs are fixed."""
-    run('prt', 'colors', 'models/fixed.prt', *LIT, '-o', 'want.csv')
+    prt('colors', 'models/fixed.prt', *LIT, '-o', 'want.csv')
     relight('colors', 'fixed', *LIT, '-o', 'got.csv')
     same('got.csv', 'want.csv', 1e-5)
     # a factor of the exit for each block: one eta for all would be 3 % off
     relight('colors', 'fixed', *LIT, '--format', 'coefficients', '-o', 'got.csv')
     same('got.csv', 'want.csv', 2e-3)
-    run('prt', 'image', 'models/fixed.prt', *PICTURE, '-o', 'want.png')
+    prt('image', 'models/fixed.prt', *PICTURE, '-o', 'want.png')
     relight('image', 'fixed', *PICTURE, '-o', 'got.png')
     same('got.png', 'want.png', 0.02)
     # image-space engines draw with the bake's media, too
-    run('prt', 'image', 'models/fixed.prt', *PICTURE, '--engine', 'texture', '-o', 'want.png')
+    prt('image', 'models/fixed.prt', *PICTURE, '--engine', 'texture', '-o', 'want.png')
     relight('image', 'fixed', *PICTURE, '--engine', 'texture', '-o', 'got.png')
     same('got.png', 'want.png', 0.05)
     for words in ('skin1', 'wax=skin1'):
-        said = relight('colors', 'fixed', *LIT, *material(words), '-o', 'got.csv', status=2)
+        said = relight('colors', 'fixed', *LIT, *material(words), '-o', 'got.csv', status=2).said
         expect('cannot change' in said, 'a fixed medium: ' + said)
 
 
@@ -81,7 +55,7 @@ def maps():
     own = None
     for entries in ((), ('wax=' + GREEN,), ('holder=skin1',), ('wax=' + GREEN, 'foot=cream'),
                     ('holder=' + CURVE, 'candle=' + GREEN), ('wax=marble', 'ketchup')):
-        run('prt', 'colors', 'models/open.prt', *LIT, *material(*entries), '-o', 'want.csv')
+        prt('colors', 'models/open.prt', *LIT, *material(*entries), '-o', 'want.csv')
         relight('colors', 'open', *LIT, *material(*entries), '-o', 'got.csv')
         same('got.csv', 'want.csv', 1e-6)
         got = rows('got.csv')
@@ -94,7 +68,7 @@ def maps():
                         e.startswith(('holder=', 'foot=')) and of == 1 for e in entries)
             expect(equal != named, '%s under %s' % (node, entries))
     relight('colors', 'open', *LIT, *material('wax=' + GREEN), '--format', 'coefficients', '-o', 'got.csv')
-    run('prt', 'colors', 'models/open.prt', *LIT, *material('wax=' + GREEN), '-o', 'want.csv')
+    prt('colors', 'models/open.prt', *LIT, *material('wax=' + GREEN), '-o', 'want.csv')
     same('got.csv', 'want.csv', 2e-3)
     # again, from the contraction with the light
     relight('colors', 'open', *LIT, *material('wax=' + GREEN), '-o', 'got.csv')
@@ -104,11 +78,11 @@ def maps():
 def pictures():
     for engine, most in (('joint', 0.01), ('texture', 0.02), ('splat', 0.02)):
         own = ['--engine', engine] if engine != 'joint' else []
-        run('prt', 'image', 'models/open.prt', *PICTURE, *own, *material('wax=' + GREEN), '-o', 'want.png')
+        prt('image', 'models/open.prt', *PICTURE, *own, *material('wax=' + GREEN), '-o', 'want.png')
         relight('image', 'open', *PICTURE, *own, *material('wax=' + GREEN), '-o', 'got.png')
         same('got.png', 'want.png', most)
         relight('image', 'open', *PICTURE, *own, '-o', 'plain.png')
-        run('prt', 'compare', 'plain.png', 'want.png', '--max-rmse', str(5 * most), status=1)
+        prt('compare', 'plain.png', 'want.png', '--max-rmse', str(5 * most), status=1)
 
 
 MTLX = """<?xml version="1.0"?>
@@ -128,15 +102,15 @@ def files():
     with open('soft.mtlx', 'w', encoding='utf-8') as f:
         f.write(MTLX)
     for word in ('wax=soft.mtlx', 'wax=soft.mtlx#soft', 'wax=soft.mtlx#so'):
-        run('prt', 'colors', 'models/open.prt', *LIT, *material(word), '-o', 'want.csv')
+        prt('colors', 'models/open.prt', *LIT, *material(word), '-o', 'want.csv')
         relight('colors', 'open', *LIT, *material(word), '-o', 'got.csv')
         same('got.csv', 'want.csv', 1e-6)
     with open('bad.mtlx', 'w', encoding='utf-8') as f:
         f.write('<?xml version="1.0"?><materialx')
     for word, text in (('soft.mtlx#paint', 'paint'), ('soft.mtlx#softer', 'did you mean soft?'), ('bad.mtlx', 'material'),
                        ('none.mtlx', 'none.mtlx')):
-        said = run('relight', '-s', 'unix:socket', 'colors', 'open', *LIT, *material(word), '-o', 'no.csv',
-                   status=1 if word in ('bad.mtlx', 'none.mtlx') else 2)
+        said = relight('colors', 'open', *LIT, *material(word), '-o', 'no.csv',
+                   status=1 if word in ('bad.mtlx', 'none.mtlx') else 2).said
         expect(text in said, '%s: %s' % (word, said))
 
 
@@ -144,12 +118,12 @@ def floors():
     """The shadow on the floor is prt's, on a background and as alpha, under baked and image-space engines."""
     for words, ending in ((['--background', '0.5,0.5,0.5'], 'png'), (['--background', 'transparent'], 'exr'),
                           (['--background', '0.5,0.5,0.5', '--engine', 'texture'], 'png')):
-        run('prt', 'image', 'models/open.prt', *PICTURE, *words, '--floor', '-o', 'want.' + ending)
+        prt('image', 'models/open.prt', *PICTURE, *words, '--floor', '-o', 'want.' + ending)
         relight('image', 'open', *PICTURE, *words, '--floor', '-o', 'got.' + ending)
         same('got.' + ending, 'want.' + ending, 0.02)
         relight('image', 'open', *PICTURE, *words, '-o', 'bare.' + ending)
         if ending == 'png':
-            run('prt', 'compare', 'bare.png', 'want.png', '--max-rmse', '0.02', status=1)
+            prt('compare', 'bare.png', 'want.png', '--max-rmse', '0.02', status=1)
 
 
 def previews():
@@ -159,7 +133,7 @@ def previews():
         relight('image', 'open', *lit, *material(*entries), '-o', 'want.png')
         run('relight-preview', '-s', 'unix:socket', 'open', *lit, *material(*entries), '-o', 'got.png')
         same('got.png', 'want.png', 0.01)
-    said = run('relight-preview', '-s', 'unix:socket', 'open', *lit, *material('wux=marble'), '-o', 'no.png', status=2)
+    said = run('relight-preview', '-s', 'unix:socket', 'open', *lit, *material('wux=marble'), '-o', 'no.png', status=2).said
     expect('did you mean wax?' in said, said)
 
 
@@ -174,7 +148,7 @@ def refusals():
             (('marble', 'ketchup'), 2, 'two --material'),
             (('x' * 300 + '=marble',), 2, 'no translucent material'),
             (tuple('wax%d=marble' % i for i in range(65)), 2, 'at most 64')):
-        said = relight('colors', 'open', *LIT, *material(*words), '-o', 'no.csv', status=status)
+        said = relight('colors', 'open', *LIT, *material(*words), '-o', 'no.csv', status=status).said
         expect(text in said and len(said.strip().split('\n')) <= 3, '%s: %s' % (words[0][:30], said))
     expect(not os.path.exists('no.csv'), 'a refused answer is written')
 
@@ -212,45 +186,37 @@ def loads():
     """LOAD passes its map to the bake and to the preview."""
     own = ['--samples', '1500', '--cube', '16']
     given = material('wax=' + GREEN, 'foot=ketchup', 'skin1')
-    run('prt', 'bake', 'candle.gltf', *own, '--transport', 'wavelet', *given, '-o', 'want.prt', '--quiet')
+    prt('bake', 'candle.gltf', *own, '--transport', 'wavelet', *given, '-o', 'want.prt', '--quiet')
     relight('load', 'candle.gltf', '--name', 'mapped', *own, '--transport', 'wavelet', *given, '--wait')
-    run('prt', 'colors', 'want.prt', *LIT, '-o', 'want.csv')
+    prt('colors', 'want.prt', *LIT, '-o', 'want.csv')
     relight('colors', 'mapped', *LIT, '-o', 'got.csv')
     same('got.csv', 'want.csv', 1e-6)
-    info = json.loads(relight('info', 'mapped', '--json'))
+    info = json.loads(relight('info', 'mapped', '--json').stdout)
     names = {(b['node'], b['surface']): info['media'][b['medium']]['name'] for b in info['blocks'] if b['translucent']}
     expect(names == {('candle', 'wax'): 'green', ('pair', 'wax'): 'green', ('pair', 'holder'): 'skin1',
                      ('foot', 'holder'): 'ketchup'}, 'media by object: %s' % names)
     relight('load', 'candle.gltf', '--name', 'sketch', *material('wax=' + GREEN), '--preview')
-    run('prt', 'image', 'candle.gltf', *PICTURE, '--engine', 'texture', *material('wax=' + GREEN, 'marble'), '-o',
+    prt('image', 'candle.gltf', *PICTURE, '--engine', 'texture', *material('wax=' + GREEN, 'marble'), '-o',
         'want.png')
     relight('image', 'sketch', *PICTURE, '-o', 'got.png', '--engine', 'texture')
     same('got.png', 'want.png', 0.05)  # the wrong medium: 0.21
     # an edit of a preview
-    run('prt', 'image', 'candle.gltf', *PICTURE, '--engine', 'texture', *material('wax=' + GREEN, 'holder=ketchup'),
+    prt('image', 'candle.gltf', *PICTURE, '--engine', 'texture', *material('wax=' + GREEN, 'holder=ketchup'),
         '-o', 'want.png')
     relight('image', 'sketch', *PICTURE, '-o', 'got.png', '--engine', 'texture', *material('holder=ketchup'))
     same('got.png', 'want.png', 0.05)  # the wrong medium: 0.21
-    said = relight('load', 'candle.gltf', '--name', 'bad', *material('w/x=marble'), status=2)
+    said = relight('load', 'candle.gltf', '--name', 'bad', *material('w/x=marble'), status=2).said
     expect('neither a preset' in said, said)
 
 
-def main():
-    os.chdir(tempfile.mkdtemp(prefix='relight-media-'))
+def serve():
     os.mkdir('models')
     candle.write('candle.gltf')
-    run('prt', 'bake', 'candle.gltf', '--samples', '1500', '--cube', '16', *material('wax=marble', 'holder=ketchup'),
+    prt('bake', 'candle.gltf', '--samples', '1500', '--cube', '16', *material('wax=marble', 'holder=ketchup'),
         '-o', 'models/fixed.prt', '--quiet')
-    run('prt', 'bake', 'candle.gltf', '--samples', '1500', '--cube', '16', '--transport', 'joint',
+    prt('bake', 'candle.gltf', '--samples', '1500', '--cube', '16', '--transport', 'joint',
         *material('wax=marble', 'holder=ketchup'), '-o', 'models/open.prt', '--quiet')
-    with open('log', 'w', encoding='utf-8') as log:
-        daemon = subprocess.Popen([os.path.join(BIN, 'relightd'), '--models', 'models', '--listen', 'unix:socket'],
-                                  stdout=log, stderr=log)
-    try:
-        for _ in range(600):
-            if os.path.exists('socket'):
-                break
-            time.sleep(0.1)
+    with daemon('--models', 'models'):
         relight('load', 'fixed.prt')
         relight('load', 'open.prt')
         one_bake()
@@ -262,11 +228,6 @@ def main():
         refusals()
         views()
         loads()
-    finally:
-        daemon.terminate()
-        daemon.wait(60)
-    return failed
 
 
-if __name__ == '__main__':
-    sys.exit(main() > 0)
+main(serve)

@@ -63,7 +63,7 @@ export RELIGHT_SERVER=unix:$dir/d.sock
 mkdir data
 PATH=$bin:$PATH "$bin/relightd" --data data --listen "$RELIGHT_SERVER" >daemon.log 2>&1 &
 daemon=$!
-for _ in $(seq 100); do
+for _ in $(seq 600); do
     "$bin/relight" ping >/dev/null 2>&1 && break
     sleep 0.1
 done

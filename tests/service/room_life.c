@@ -137,6 +137,87 @@ static void people_see_each_other(void **unused)
     end();
 }
 
+static int invite(struct frames *f, const char *room, int role, uint64_t expires_s,
+                  char secret[64], uint64_t *sequence);
+
+// Adds ROOM_PRESENCE with a hand on the light, or with none.
+static void add_hand(struct frames *f, uint64_t subscription, float deg)
+{
+    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
+    Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
+    Relight__Scene scene = RELIGHT__SCENE__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
+    char *parts[] = {"lights"};
+    light.env = "constant";
+    light.rotate_deg = deg;
+    scene.lights = lights;
+    scene.n_lights = 1;
+    me.name = "Hand";
+    me.leads = true;
+    me.hand = &scene;
+    me.hand_parts = parts;
+    me.n_hand_parts = 1;
+    m.subscription = subscription;
+    m.me = &me;
+    frames_add(f, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
+    frames_send(f);
+}
+
+// The next participant named Hand that f sees.
+static Relight__Participant *next_hand(struct frames *f, uint64_t id, Relight__Presence **out)
+{
+    for (;;) {
+        struct reply r = event_of(f, id, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
+        *out = relight__presence__unpack(NULL, r.n, r.payload);
+        reply_free(&r);
+        for (size_t i = 0; i < (*out)->n_participants; i++)
+            if (!strcmp((*out)->participants[i]->name, "Hand")) return (*out)->participants[i];
+        relight__presence__free_unpacked(*out, NULL);
+    }
+}
+
+// While a hand moves a part others see it, and the log has nothing of it; a viewer's hand moves
+// nothing.
+static void a_hand_is_seen(void **unused)
+{
+    begin(NULL);
+    struct frames *ann = frames_open(&d), *bob = frames_open(&d);
+    char room[33], secret[64];
+    uint64_t at;
+    Relight__Presence *p;
+    room_create(ann, "hands", room);
+    room_add_subscribe(ann, 10, room, 0, "Ann");
+    frames_send(ann);
+    room_add_subscribe(bob, 11, room, 0, "Bob");
+    frames_send(bob);
+    add_hand(bob, 11, 42);
+    Relight__Participant *who = next_hand(ann, 10, &p);
+    assert_int_equal(who->n_hand_parts, 1);
+    assert_string_equal(who->hand_parts[0], "lights");
+    assert_float_equal(who->hand->lights[0]->rotate_deg, 42, 0);
+    assert_true(who->leads);
+    relight__presence__free_unpacked(p, NULL);
+    Relight__RoomState *s = room_state(ann, room, NULL, NULL);
+    assert_int_equal(s->sequence, 1);
+    free_state(s);
+    assert_int_equal(invite(ann, room, RELIGHT__ROOM_ROLE__ROLE_VIEWER, 0, secret, &at), 0);
+    frames_close(bob);
+    bob = frames_token(&d, secret, NULL);
+    room_add_subscribe(bob, 11, room, 0, "Eve");
+    frames_send(bob);
+    add_hand(bob, 11, 43);
+    do {
+        who = next_hand(ann, 10, &p);
+        at = who->role;
+        if (at == RELIGHT__ROOM_ROLE__ROLE_VIEWER)
+            assert_true(!who->hand && !who->n_hand_parts && !who->leads);
+        relight__presence__free_unpacked(p, NULL);
+    } while (at != RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    frames_close(bob);
+    frames_close(ann);
+    end();
+}
+
 static void a_cursor_resumes(void **unused)
 {
     begin(NULL);
@@ -480,6 +561,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(survives_a_restart, teardown),
         cmocka_unit_test_teardown(people_see_each_other, teardown),
+        cmocka_unit_test_teardown(a_hand_is_seen, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
         cmocka_unit_test_teardown(members_and_scopes, teardown),
         cmocka_unit_test_teardown(guests, teardown),

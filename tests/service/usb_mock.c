@@ -57,8 +57,7 @@ void mock_preload(char **argv)
 {
     const char *loaded = getenv("LD_PRELOAD");
     if (loaded && strstr(loaded, "libumockdev-preload")) return;
-    setenv("LD_PRELOAD", "libumockdev-preload.so.0", 1);
-    setenv("ASAN_OPTIONS", "verify_asan_link_order=0", 0);
+    setenv("LD_PRELOAD", CONTROL_PRELOAD, 1);
     execv("/proc/self/exe", argv);
     perror("execv");
     exit(1);

@@ -5,33 +5,14 @@
    tests/service/walk_daemon.py BIN"""
 import math
 import os
-import subprocess
 import sys
-import tempfile
-import time
 
-BIN = os.path.abspath(sys.argv[1])
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
+from programs import daemon, expect, main, prt, relight, same  # noqa: E402
+
 SETTINGS = ['--size-mm', '10', '--material', 'skin1', '--samples', '2000', '--cube', '16', '--seed', '3']
 WALKS = ['--scattering', 'walk', '--walks', '16']
-failed = 0
-
-
-def expect(good, text):
-    global failed
-    if not good:
-        failed += 1
-        print('FAIL: ' + text)
-
-
-def run(program, *args, status=0):
-    done = subprocess.run([os.path.join(BIN, program), *args], capture_output=True, text=True, timeout=300)
-    expect(done.returncode == status,
-           '%s %s: status %d: %s' % (program, ' '.join(args), done.returncode, done.stderr))
-    return done.stdout + done.stderr
-
-
-def relight(*args, status=0):
-    return run('relight', '-s', 'unix:socket', *args, status=status)
 
 
 def write_ball(path, n=12):
@@ -53,52 +34,35 @@ def write_ball(path, n=12):
             out.write('f %d %d %d\n' % (top + 1, last + x, last + right))
 
 
-def same(a, b, most):
-    run('prt', 'compare', a, b, '--max-rmse', str(most))
-
-
 def check():
     lit = ['--env', 'constant', '--rotate', '30']
-    run('prt', 'bake', 'ball.obj', *SETTINGS, *WALKS, '-o', 'want.prt', '--quiet')
+    prt('bake', 'ball.obj', *SETTINGS, *WALKS, '-o', 'want.prt', '--quiet')
     relight('load', 'ball.obj', *SETTINGS, *WALKS, '--name', 'walked', '--wait')
     for term in ('total', 'multiple', 'single'):
-        run('prt', 'colors', 'want.prt', *lit, '--term', term, '-o', 'want.csv')
+        prt('colors', 'want.prt', *lit, '--term', term, '-o', 'want.csv')
         relight('colors', 'walked', *lit, '--term', term, '-o', 'got.csv')
         same('got.csv', 'want.csv', 1e-5)
-    run('prt', 'colors', 'want.prt', *lit, '-o', 'want.csv')
+    prt('colors', 'want.prt', *lit, '-o', 'want.csv')
     relight('colors', 'walked', *lit, '--format', 'coefficients', '-o', 'got.csv')
     same('got.csv', 'want.csv', 2e-3)
     picture = [*lit, '--size', '96x72']
-    run('prt', 'image', 'want.prt', *picture, '-o', 'want.png')
+    prt('image', 'want.prt', *picture, '-o', 'want.png')
     relight('image', 'walked', *picture, '-o', 'got.png')
     same('got.png', 'want.png', 0.02)
     # the dipole's bake is another model
     relight('load', 'ball.obj', *SETTINGS, '--name', 'dipole', '--wait')
     relight('colors', 'dipole', *lit, '-o', 'dipole.csv')
-    run('prt', 'compare', 'dipole.csv', 'want.csv', '--max-rmse', '0.03', status=1)
-    said = relight('load', 'ball.obj', *SETTINGS, '--scattering', 'walk', '--walks', '3', status=2)
+    prt('compare', 'dipole.csv', 'want.csv', '--max-rmse', '0.03', status=1)
+    said = relight('load', 'ball.obj', *SETTINGS, '--scattering', 'walk', '--walks', '3', status=2).said
     expect('16 to 1048576' in said, 'too few walks: ' + said)
-    said = relight('load', 'ball.obj', '--size-mm', '10', '--scattering', 'walk', status=2)
+    said = relight('load', 'ball.obj', '--size-mm', '10', '--scattering', 'walk', status=2).said
     expect('material' in said, 'walks without a material: ' + said)
 
 
-def main():
-    os.chdir(tempfile.mkdtemp(prefix='relight-walk-'))
+def serve():
     write_ball('ball.obj')
-    with open('log', 'w', encoding='utf-8') as log:
-        daemon = subprocess.Popen([os.path.join(BIN, 'relightd'), '--data', 'data', '--listen', 'unix:socket'],
-                                  stdout=log, stderr=log)
-    try:
-        for _ in range(600):
-            if os.path.exists('socket'):
-                break
-            time.sleep(0.1)
+    with daemon('--data', 'data'):
         check()
-    finally:
-        daemon.terminate()
-        daemon.wait(60)
-    return failed
 
 
-if __name__ == '__main__':
-    sys.exit(main() > 0)
+main(serve)

@@ -9,33 +9,16 @@ import json
 import math
 import os
 import struct
-import subprocess
 import sys
-import tempfile
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import animated  # noqa: E402
-
-PRT = os.path.abspath(sys.argv[1])
-failed = 0
-
-
-def expect(good, text):
-    global failed
-    if not good:
-        failed += 1
-        print('FAIL: ' + text)
-
-
-def run(*args, status=0):
-    done = subprocess.run([PRT, *args], capture_output=True, text=True, timeout=120)
-    expect(done.returncode == status, '%s: status %d: %s' % (' '.join(args), done.returncode, done.stderr))
-    return done.stdout + done.stderr
+from programs import expect, main, prt  # noqa: E402
 
 
 def vertices(path, *args):
     """Positions and normals of the posed model, from a .ply of its irradiance."""
-    run('colors', path, '--env', 'constant', '--term', 'irradiance', '--cube', '16', '--samples', '100',
+    prt('colors', path, '--env', 'constant', '--term', 'irradiance', '--cube', '16', '--samples', '100',
         '--material', 'marble', '--mm-per-unit', '1', *args, '-o', 'out.glb', '--quiet')
     with open('out.glb', 'rb') as f:
         data = f.read()
@@ -123,16 +106,16 @@ def nested():
 
 def tool():
     animated.bar().write('bar.gltf')
-    info = json.loads(run('info', 'bar.gltf', '--json').split('\n')[0])
+    info = json.loads(prt('info', 'bar.gltf', '--json').stdout)
     expect(info['animations_s'] == {'bend': 1}, 'prt info: %s' % info.get('animations_s'))
     lit = ['--env', 'constant', '--material', 'marble', '--size', '40x30', '--size-mm', '20', '-o', 'x.png', '--quiet']
-    run('image', 'bar.gltf', '--engine', 'texture', '--animation', 'bend', '--time', '0.5', *lit)
+    prt('image', 'bar.gltf', '--engine', 'texture', '--animation', 'bend', '--time', '0.5', *lit)
     for words, text in ((['--animation', 'bond'], 'did you mean bend?'), (['--time', '1'], '--time is for'),
                         (['--animation', 'bend', '--time', 'nan'], 'time')):
-        said = run('image', 'bar.gltf', *words, *lit, status=2)
+        said = prt('image', 'bar.gltf', *words, *lit, status=2).said
         expect(text in said, said)
     animated.plain().write('plain.gltf')
-    expect('has no animations' in run('image', 'plain.gltf', '--animation', 'x', *lit, status=2), 'no animations')
+    expect('has no animations' in prt('image', 'plain.gltf', '--animation', 'x', *lit, status=2).said, 'no animations')
 
 
 def damaged():
@@ -144,8 +127,8 @@ def damaged():
         edit(model)
         with open('bad.gltf', 'w', encoding='utf-8') as f:
             f.write(json.dumps(model))
-        said = run('colors', 'bad.gltf', '--env', 'constant', '--term', 'irradiance', '--material', 'marble',
-                   '--mm-per-unit', '1', '--animation', 'bend', '-o', 'x.csv', status=1)
+        said = prt('colors', 'bad.gltf', '--env', 'constant', '--term', 'irradiance', '--material', 'marble',
+                   '--mm-per-unit', '1', '--animation', 'bend', '-o', 'x.csv', status=1).said
         expect(text in said and said.count('\n') <= 2, '%s: %s' % (text, said))
 
     def channel(m):
@@ -182,15 +165,4 @@ def damaged():
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
 
 
-def main():
-    os.chdir(tempfile.mkdtemp(prefix='prt-animation-'))
-    bar()
-    morph()
-    nested()
-    tool()
-    damaged()
-    return failed
-
-
-if __name__ == '__main__':
-    sys.exit(main() > 0)
+main(bar, morph, nested, tool, damaged)

@@ -290,7 +290,7 @@ static void test_limits_of_a_principal(void **state)
     struct store s;
     new_store(&s);
     s.options.client_uploads = 2;
-    s.setup.wanted_s = 0.05;
+    s.setup.wanted_s = 1;
     reopen_store(&s);
     char hash[65], name[65];
     memset(name, 'e', 64);
@@ -301,7 +301,7 @@ static void test_limits_of_a_principal(void **state)
         assert_int_equal(sent.put.code, i < 2 ? 0 : RELIGHT__ERROR_CODE__ERROR_BUSY);
     }
     assert_int_equal(put(&s, "bob", name, 2, 0, ".", 1).put.code, 0);
-    usleep(60000); // now ann's first is abandoned, and somebody wants its slot
+    usleep(1050000); // now ann's first is abandoned, and somebody wants its slot
     assert_int_equal(put(&s, "ann", name, 2, 0, ".", 1).put.code, 0);
     name[0] = '0';
     assert_int_equal(put(&s, "ann", name, 2, 0, NULL, 0).put.received, 0);

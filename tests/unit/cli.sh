@@ -343,7 +343,12 @@ check [ -z "$(ls x.* ./*.tmp* 2>/dev/null)" ]
 # A signal cancels a bake: status 1, no file, no temporary file.
 "$prt" bake ball.obj $scaled --samples 4000000 --max-error 0.0001 --cube 128 -o stopped.prt >out 2>err &
 job=$!
-sleep 0.7
+# Until it has its handler: bit 14 of the caught signals is SIGTERM.
+for _ in $(seq 600); do
+    caught=$(sed -n 's/^SigCgt:[^0-9a-f]*//p' /proc/$job/status)
+    [ $((0x${caught:-0} & 0x4000)) = 0 ] || break
+    sleep 0.1
+done
 kill -TERM $job
 wait $job
 status=$?

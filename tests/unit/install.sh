@@ -101,7 +101,7 @@ OBJ
 "$bin/relightd" --listen "unix:$tmp/socket" --prt "$tmp/prt" 2>"$tmp/relightd.log" &
 daemon=$!
 trap 'kill $daemon 2>/dev/null; wait $daemon 2>/dev/null; rm -rf "$tmp"' EXIT
-for _ in $(seq 100); do [ ! -S "$tmp/socket" ] || break; sleep 0.1; done
+for _ in $(seq 600); do [ ! -S "$tmp/socket" ] || break; sleep 0.1; done
 RELIGHT_SERVER="unix:$tmp/socket" LD_LIBRARY_PATH=$(dirname "$lib") \
     "$tmp/relight_model" "$tmp/box.obj" 10 marble constant "$tmp/box.png" 2>"$tmp/example.log" ||
     { cat "$tmp/example.log" "$tmp/relightd.log" >&2; fail "the example failed"; }

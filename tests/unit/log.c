@@ -134,7 +134,7 @@ static void a_full_pipe_does_not_block(void **state)
     uint64_t dropped = log_lost() - lost;
     print_message("400 lines of 1.1 kB into a full pipe: %.4f s, %llu dropped\n", took,
                   (unsigned long long)dropped);
-    assert_true(took < 1);
+    assert_true(took < 20); // a line that waits for a reader waits for ever
     assert_in_range(dropped, 50, 250);
     size_t n = 0; // somebody reads again: the loss is told
     for (int i = 0; i < 200 && !strstr(text, "log dropped="); i++) {

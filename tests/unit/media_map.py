@@ -5,30 +5,12 @@
    tests/unit/media_map.py PATH/TO/prt"""
 import csv
 import json
-import os
-import subprocess
-import sys
-import tempfile
 
 import candle
+from programs import expect, main, prt
 
-PRT = os.path.abspath(sys.argv[1])
 FEW = ['--env', 'constant', '--samples', '2000', '--rays', '128', '--single-points', '16']
 BAKE = ['--samples', '1500', '--cube', '16', '--no-single']
-failed = 0
-
-
-def expect(good, text):
-    global failed
-    if not good:
-        failed += 1
-        print('FAIL: ' + text)
-
-
-def prt(*args, status=0):
-    run = subprocess.run([PRT, *args], capture_output=True, text=True, timeout=200)
-    expect(run.returncode == status, '%s: status %d: %s' % (' '.join(args), run.returncode, run.stderr))
-    return run
 
 
 def colors(source, *options, status=0):
@@ -116,14 +98,8 @@ def check_bakes():
     colors('one.prt', '--material', 'foot=skin1')
 
 
-def main():
-    os.chdir(tempfile.mkdtemp(prefix='prt-media-'))
+def model():
     candle.write('candle.gltf')
-    check_model()
-    check_refusals()
-    check_bakes()
-    return failed
 
 
-if __name__ == '__main__':
-    sys.exit(main() > 0)
+main(model, check_model, check_refusals, check_bakes)

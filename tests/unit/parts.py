@@ -5,34 +5,18 @@
    tests/unit/parts.py PATH/TO/prt"""
 import json
 import os
-import subprocess
 import sys
-import tempfile
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import candle  # noqa: E402
+from programs import expect, main, prt  # noqa: E402
 
-PRT = os.path.abspath(sys.argv[1])
-failed = 0
 LIT = ['--env', 'constant', '--size-mm', '20', '--cube', '16', '--samples', '2000']
 
 
-def expect(good, text):
-    global failed
-    if not good:
-        failed += 1
-        print('FAIL: ' + text)
-
-
-def run(*args, status=0):
-    done = subprocess.run([PRT, *args], capture_output=True, text=True, timeout=120)
-    expect(done.returncode == status, '%s: status %d: %s' % (' '.join(args), done.returncode, done.stderr))
-    return done.stdout, done.stderr
-
-
 def info(path, *args):
-    out, said = run('info', path, '--json', *args)
-    return json.loads(out), said
+    done = prt('info', path, '--json', *args)
+    return json.loads(done.stdout), done.stderr
 
 
 def rows(path):
@@ -61,7 +45,7 @@ def summary(path, *args):
 
 
 def colors(path, *args):
-    run('colors', path, *LIT, *args, '-o', 'out.csv', '--quiet')
+    prt('colors', path, *LIT, *args, '-o', 'out.csv', '--quiet')
     return rows('out.csv')
 
 
@@ -112,22 +96,14 @@ def variants():
            'holder=skin1', '--quiet']
     part = candle.vertices('candle', 0)
     for variant, moved in ((None, False), ('day', False), ('ni', True), ('variant 2', False)):
-        run('colors', 'v.gltf', *lit, *(['--variant', variant] if variant else []), '-o', 'out.csv')
+        prt('colors', 'v.gltf', *lit, *(['--variant', variant] if variant else []), '-o', 'out.csv')
         got = rows('out.csv')
         own = got if not variant else own
         expect((got[part.start:part.stop] != own[part.start:part.stop]) == moved, 'variant %s' % variant)
         expect(got[part.stop:] == own[part.stop:], 'the others in variant %s' % variant)
     for path, name, text in (('v.gltf', 'nigth', 'did you mean night?'), ('plain.gltf', 'day', 'has no variants')):
-        _, said = run('info', path, '--variant', name, status=2)
+        said = prt('info', path, '--variant', name, status=2).stderr
         expect(text in said, said)
 
 
-def main():
-    os.chdir(tempfile.mkdtemp(prefix='prt-parts-'))
-    objects()
-    variants()
-    return failed
-
-
-if __name__ == '__main__':
-    sys.exit(main() > 0)
+main(objects, variants)

@@ -133,6 +133,23 @@ static unsigned add_get(struct vector *out, unsigned n)
                       LAST, 33, &answer.base, payload, size);
 }
 
+static unsigned add_hand(struct vector *out, unsigned n)
+{
+    static Relight__RoomPresenceRequest presence;
+    static Relight__Participant me;
+    static char *parts[] = {"lights"};
+    relight__room_presence_request__init(&presence);
+    relight__participant__init(&me);
+    me.name = "Ann";
+    me.hand = small_scene();
+    me.n_hand_parts = 1;
+    me.hand_parts = parts;
+    presence.subscription = 40;
+    presence.me = &me;
+    return vector_add(out, n, "room_hand", "C: ROOM_PRESENCE: a hand turns the light", 33, LAST,
+                      0, &presence.base, NULL, 0);
+}
+
 static unsigned add_rest(struct vector *out, unsigned n)
 {
     static Relight__RoomPictureRequest picture;
@@ -160,6 +177,7 @@ static unsigned add_rest(struct vector *out, unsigned n)
                    &picture.base, NULL, 0);
     n = vector_add(out, n, "room_presence", "C: ROOM_PRESENCE, one-way: a cursor", 33, LAST, 0,
                    &presence.base, NULL, 0);
+    n = add_hand(out, n);
     return vector_add(out, n, "room_backup", "C: ROOM_BACKUP, a new copy", 34, LAST, 35,
                       &backup.base, NULL, 0);
 }

@@ -264,6 +264,34 @@ static void hear(void *user, const struct room_change *change)
     if (n_heard < 16) heard[n_heard++] = *change;
 }
 
+static void psql(const char *sql_text)
+{
+    char command[600];
+    snprintf(command, sizeof command, "psql -qtc \"%s\" '%s' >/dev/null", sql_text,
+             getenv("RELIGHT_TEST_POSTGRES"));
+    assert_int_equal(system(command), 0);
+}
+
+// Waits until n stores have asked the database to be told.
+static void wait_for_listeners(int n)
+{
+    char command[600];
+    int got = 0;
+    snprintf(
+        command, sizeof command,
+        "psql -qtAc \"SELECT count(*) FROM pg_stat_activity WHERE query LIKE 'LISTEN%%' AND "
+        "state = 'idle' AND datname = '%s'\" '%s'",
+        strrchr(path, '/') + 1, getenv("RELIGHT_TEST_POSTGRES"));
+    for (int i = 0; i < 300 && got != n; i++) {
+        if (i) usleep(50000);
+        FILE *answer = popen(command, "r");
+        assert_non_null(answer);
+        assert_int_equal(fscanf(answer, "%d", &got), 1);
+        pclose(answer);
+    }
+    assert_int_equal(got, n);
+}
+
 static void another_replica_hears(void **state)
 {
     struct room_summary summary = {.name = "ann's", .owner = "token:ann"};
@@ -273,7 +301,7 @@ static void another_replica_hears(void **state)
     struct room_store *other = store;
     other->changed = hear;
     n_heard = 0;
-    usleep(300000); // it listens by then
+    wait_for_listeners(2);
     store = mine;
     struct room_task add = append_task(1), next = append_task(2), late = append_task(2);
     add.summary = &summary;
@@ -298,21 +326,13 @@ static void another_replica_hears(void **state)
     other->api->close(other);
 }
 
-static void psql(const char *sql_text)
-{
-    char command[600];
-    snprintf(command, sizeof command, "psql -qtc \"%s\" '%s' >/dev/null", sql_text,
-             getenv("RELIGHT_TEST_POSTGRES"));
-    assert_int_equal(system(command), 0);
-}
-
 // Its connections are ended: what was missed meanwhile is told, and no task notices.
 static void connections_are_lost(void **state)
 {
     char text[400];
     open_store();
     store->changed = hear;
-    usleep(300000);
+    wait_for_listeners(1);
     struct room_task first = append_task(1), second = append_task(2), third = append_task(3);
     run(&first);
     snprintf(text, sizeof text,

@@ -8,28 +8,9 @@ A constant texture multiplies light after scattering by its colour, whatever its
 engine; a normal map turns highlights; an image that lies about its size ends in a warning."""
 import json
 import math
-import os
-import subprocess
-import sys
-import tempfile
 
+from programs import expect, main, prt
 from textured_ball import ball, flat, glb, png
-
-PRT = os.path.abspath(sys.argv[1])
-failed = 0
-
-
-def expect(good, text):
-    global failed
-    if not good:
-        failed += 1
-        print('FAIL: ' + text)
-
-
-def prt(*args, status=0):
-    run = subprocess.run([PRT, *args], capture_output=True, text=True, timeout=200)
-    expect(run.returncode == status, '%s: status %d: %s' % (' '.join(args), run.returncode, run.stderr))
-    return run
 
 
 def image(source, out, *options):
@@ -39,12 +20,11 @@ def image(source, out, *options):
 
 
 def rmse(a, b):
-    run = subprocess.run([PRT, 'compare', a, b, '--json'], capture_output=True, text=True, timeout=60)
+    run = prt('compare', a, b, '--json')
     return json.loads(run.stdout)['rmse'] if run.stdout.startswith('{') else float('nan')
 
 
-def main():
-    os.chdir(tempfile.mkdtemp(prefix='prt-textures-'))
+def check():
     # sRGB 188 is 0.5029 of linear light: pictures are compared at an exposure of log2 of it
     half, stop = 188, math.log2(((188 / 255 + .055) / 1.055) ** 2.4)
     base = {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}}
@@ -145,7 +125,6 @@ def main():
         run = image('lie.glb', 'lie.exr', *side)
         expect('picture0' in run.stderr and 'left out' in run.stderr, 'no warning for %s: %s' % (lie, run.stderr))
         expect(rmse('lie.exr', 'plain.exr') < 1e-3, 'an image left out changes the picture')
-    sys.exit(failed > 0)
 
 
-main()
+main(check)

@@ -465,6 +465,9 @@ struct relight_geometry {
     const struct relight_block *block;
     size_t n_medium;           /* JSON texts of the model's media */
     const char *const *medium; /* [n_medium] */
+    /* of the model's own shape: equal where triangles have the same numbers, also in another
+     * bake or where vertices were moved; "": the daemon does not say */
+    const char *mesh_hash;
     void *owner;
     /* relight_geometry_textured alone */
     uint32_t n_uv;                  /* TEXCOORD sets */
@@ -1271,6 +1274,15 @@ typedef int (*relight_room_fn)(void *user, enum relight_room_news news, const ch
 int relight_room_follow(struct relight_client *client, const char *room, const char *me,
                         uint64_t *after, double wait_s, relight_room_fn fn, void *user,
                         struct relight_error *error);
+
+/* Says what others see of this process in a room that a thread of it follows: JSON of
+ * Participant, such as {"name":"Ann","hand":{"lights":[…]},"hand_parts":["lights"]} while a
+ * hand moves a part of the scene. The newest counts; nothing is stored, and what the role does
+ * not allow is dropped. Returns 0 when it is sent; -RELIGHT_E_NOT_FOUND while no
+ * relight_room_follow has its seat; -RELIGHT_E_ARGUMENT, -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Safe. Blocks only while the socket is full. */
+int relight_room_present(struct relight_client *client, const char *room,
+                         const char *participant, struct relight_error *error);
 
 /* Statistics. */
 

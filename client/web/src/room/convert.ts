@@ -91,6 +91,17 @@ export function sceneOf(
   };
 }
 
+/** A camera that says where its eye is; null for others. */
+export function placedOf(camera: Camera | undefined): Placed | null {
+  if (!camera?.eye || camera.orbit) return null;
+  return {
+    eye: triple(camera.eye, [0, 0, 1]),
+    target: triple(camera.target, [0, 0, 0]),
+    up: triple(camera.up, [0, 1, 0]),
+    fovyDeg: camera.fovyDeg || FOVY,
+  };
+}
+
 /** The orbit of a camera, given what it frames; null where the page cannot show it. */
 export function orbitOf(camera: Camera | undefined, frame: Frame): Orbit | null {
   if (camera?.orbit) {

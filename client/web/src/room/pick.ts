@@ -52,12 +52,6 @@ export function project(
   };
 }
 
-const vertex = (mesh: Mesh, i: number): Vec3 => [
-  mesh.positions[3 * i] ?? 0,
-  mesh.positions[3 * i + 1] ?? 0,
-  mesh.positions[3 * i + 2] ?? 0,
-];
-
 /** The nearest triangle under a pixel (Möller and Trumbore 1997); null: none. */
 export function pick(
   mesh: Mesh,
@@ -70,39 +64,44 @@ export function pick(
   const { forward, right, up, scale } = axes(placed);
   const u = (x - width / 2) / (scale * height);
   const v = (height / 2 - y) / (scale * height);
-  const ray: Vec3 = [0, 1, 2].map(
+  const [rx, ry, rz] = [0, 1, 2].map(
     (i) => (forward[i] ?? 0) + u * (right[i] ?? 0) + v * (up[i] ?? 0),
   ) as Vec3;
+  const [ox, oy, oz] = placed.eye;
+  const { positions, triangles } = mesh;
+  const at = (i: number) => positions[i] ?? 0;
   let nearest = Infinity;
-  let found: Point | null = null;
-  for (let t = 0; t < mesh.triangles.length / 3; t++) {
-    const a = vertex(mesh, mesh.triangles[3 * t] ?? 0);
-    const ab = less(vertex(mesh, mesh.triangles[3 * t + 1] ?? 0), a);
-    const ac = less(vertex(mesh, mesh.triangles[3 * t + 2] ?? 0), a);
-    const p = cross(ray, ac);
-    const det = dot(ab, p);
+  let found: { t: number; b1: number; b2: number } | null = null;
+  for (let t = 0; t < triangles.length / 3; t++) {
+    const [i, j, k] = [3 * t, 3 * t + 1, 3 * t + 2].map((c) => 3 * (triangles[c] ?? 0)) as Vec3;
+    const [ax, ay, az] = [at(i), at(i + 1), at(i + 2)];
+    const [bx, by, bz] = [at(j) - ax, at(j + 1) - ay, at(j + 2) - az];
+    const [cx, cy, cz] = [at(k) - ax, at(k + 1) - ay, at(k + 2) - az];
+    const [px, py, pz] = [ry * cz - rz * cy, rz * cx - rx * cz, rx * cy - ry * cx];
+    const det = bx * px + by * py + bz * pz;
     if (Math.abs(det) < 1e-20) continue;
-    const s = less(placed.eye, a);
-    const b1 = dot(s, p) / det;
+    const [sx, sy, sz] = [ox - ax, oy - ay, oz - az];
+    const b1 = (sx * px + sy * py + sz * pz) / det;
     if (b1 < 0 || b1 > 1) continue;
-    const q = cross(s, ab);
-    const b2 = dot(ray, q) / det;
+    const [qx, qy, qz] = [sy * bz - sz * by, sz * bx - sx * bz, sx * by - sy * bx];
+    const b2 = (rx * qx + ry * qy + rz * qz) / det;
     if (b2 < 0 || b1 + b2 > 1) continue;
-    const depth = dot(ac, q) / det;
+    const depth = (cx * qx + cy * qy + cz * qz) / det;
     if (!(depth > 0) || depth >= nearest) continue;
     nearest = depth;
-    found = {
-      object: objectOf(mesh, t),
-      triangle: t,
-      b1,
-      b2,
-      position: [0, 1, 2].map((i) => (placed.eye[i] ?? 0) + depth * (ray[i] ?? 0)) as Vec3,
-    };
+    found = { t, b1, b2 };
   }
-  return found;
+  if (!found) return null;
+  return {
+    object: objectOf(mesh, found.t),
+    triangle: found.t,
+    b1: found.b1,
+    b2: found.b2,
+    position: [ox + nearest * rx, oy + nearest * ry, oz + nearest * rz],
+  };
 }
 
-function objectOf(mesh: Mesh, triangle: number): number {
+export function objectOf(mesh: Mesh, triangle: number): number {
   const part = mesh.parts.find(
     (one) => 3 * triangle >= one.firstIndex && 3 * triangle < one.firstIndex + one.nIndex,
   );

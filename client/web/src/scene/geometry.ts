@@ -32,6 +32,8 @@ export interface Mesh {
   mmPerUnit: number;
   split: number;
   generation: bigint;
+  /** GeometryAnswer.mesh_hash; empty: not known. */
+  hash: string;
 }
 
 function partsOf(answer: GeometryAnswer): Part[] {
@@ -86,6 +88,7 @@ export function meshOf(answer: GeometryAnswer, payload: Uint8Array): Mesh {
     mmPerUnit: answer.mmPerUnit,
     split: answer.textureSplit,
     generation: answer.generation,
+    hash: answer.meshHash,
   };
 }
 

@@ -3,12 +3,13 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Icon, IconButton } from "./controls";
-import { state as room } from "../room/session";
+import { state as room } from "../room/here";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
 import { Models, UploadSettings } from "./models";
 import { Pins } from "./pins";
 import { PrintView, ReviewPanel } from "./review-panel";
+import { RevisionCompare } from "./revisions";
 import { RoomBar, Rooms, RoomsButton } from "./rooms";
 import { StageView } from "./stage-view";
 import {
@@ -385,6 +386,7 @@ export function App() {
         )}
       </main>
       <PrintView />
+      {inRoom && <RevisionCompare />}
       {roomList.value && <Rooms close={() => (roomList.value = false)} />}
       {drawer.value && <Models close={() => (drawer.value = false)} />}
       <aside class="panel" aria-label="Settings">

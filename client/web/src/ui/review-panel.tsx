@@ -1,85 +1,50 @@
 // SPDX-License-Identifier: MIT
-// What is said in a room: pins with their threads, decisions, and both on paper.
-import { computed, signal, useSignal } from "@preact/signals";
+// What is said in a room: pins with their threads, decisions, revisions, and all of it on paper.
+import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import type { Decision, Note, Pin, RoomState, Stamp } from "../gen/relight_pb";
+import { RoomRole, type Decision, type Note, type Pin, type Stroke } from "../gen/relight_pb";
+import { anchors } from "../room/anchored";
+import { anchorText } from "../room/anchor";
+import { act, edit } from "../room/edits";
+import { alone, isNew, markRead, mayReview, role, state } from "../room/here";
+import { hashOf, pngOf } from "../room/pictures";
+import { PICTURE, putDown, sceneNow, showAlone } from "../room/share";
+import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
-import {
-  act,
-  isNew,
-  mayReview,
-  markRead,
-  myName,
-  pictureOf,
-  pinScene,
-  state,
-} from "../room/session";
-import type { Point } from "../room/pick";
 import { Choice, Section } from "./controls";
-import { fault } from "./store";
+import {
+  byOf,
+  comparing,
+  filter,
+  newPin,
+  numberOf,
+  openPin,
+  pinLabel,
+  printing,
+  revisionNow,
+  shownPins,
+  timeOf,
+  type Filter,
+} from "./review-state";
+import { Revisions, Variants } from "./revisions";
+import { DifferencePicture, Picture, StrokesOver } from "./room-picture";
+import { client, fault } from "./store";
 
-/** The next click on the model places a pin. */
-export const pinMode = signal(false);
-/** Where the pin goes whose text is being written. */
-export const newPin = signal<Point | null>(null);
-/** Sequence of the pin whose thread is open. */
-export const openPin = signal<bigint | null>(null);
-export const printing = signal(false);
+const isOwn = (stamp: { by: string } | undefined) =>
+  role.value === RoomRole.ROLE_OWNER || stamp?.by === client.hello?.principal;
+const strokesOf = (pin: bigint) =>
+  (state.value?.strokes ?? []).filter((stroke) => (stroke.line?.pin ?? 0n) === pin);
 
-type Filter = "open" | "resolved" | "mine" | "all";
-const filter = signal<Filter>("open");
-
-const numberOf = (item: { stamp?: Stamp }) => item.stamp?.sequence ?? 0n;
-const byOf = (stamp: Stamp | undefined) => stamp?.name || stamp?.by || "";
-const timeOf = (stamp: Stamp | undefined) =>
-  new Date(Number((stamp?.timeUs ?? 0n) / 1000n)).toLocaleString([], {
-    dateStyle: "medium",
-    timeStyle: "short",
-  });
-
-function isMine(pin: Pin): boolean {
-  const name = myName.value.toLowerCase();
+// Words after @ stand out.
+function Text({ text }: { text: string }) {
   return (
-    name !== "" &&
-    pin.notes.some(
-      (note) =>
-        note.stamp?.name.toLowerCase() === name ||
-        note.mentions.some((word) => name.startsWith(word.toLowerCase())),
-    )
-  );
-}
-export const shownPins = computed(() =>
-  (state.value?.pins ?? []).filter((pin) => {
-    if (filter.value === "all") return true;
-    if (filter.value === "mine") return isMine(pin);
-    return pin.resolved === (filter.value === "resolved");
-  }),
-);
-
-export function jumpToPin(by: number): void {
-  const all = shownPins.value;
-  if (!all.length) return;
-  const at = all.findIndex((pin) => numberOf(pin) === openPin.value);
-  const next = all[(at + by + all.length) % all.length] ?? all[0];
-  openPin.value = next ? numberOf(next) : null;
-}
-
-/** Number of the revision that the scene is now; 0: it is none. */
-function revisionNow(now: RoomState): number {
-  return (
-    [...now.revisions].reverse().find((one) => sameJson(one.scene, now.scene))?.number ?? 0
-  );
-}
-
-function Picture({ what, alt }: { what: { pin?: bigint; decision?: bigint }; alt: string }) {
-  const address = useSignal("");
-  useEffect(() => {
-    pictureOf(what).then((url) => (address.value = url), fault);
-  }, [what.pin, what.decision]);
-  return address.value ? (
-    <img class="seen" src={address.value} alt={alt} />
-  ) : (
-    <div class="seen" role="status" aria-label="The daemon draws the picture" />
+    <p>
+      {text.split(/((?<![\w.-])@[\w.\u0080-\uffff-]+)/).map((word, i) => (
+        <span key={i} class={i % 2 ? "mention" : undefined}>
+          {word}
+        </span>
+      ))}
+    </p>
   );
 }
 
@@ -90,13 +55,44 @@ function Said({ note }: { note: Note }) {
       <small>
         <b>{byOf(note.stamp)}</b> {timeOf(note.stamp)}
         {note.changedUs > 0n && ", changed"}
+        {mayReview.value && isOwn(note.stamp) && (
+          <button
+            type="button"
+            class="quiet no-print"
+            onClick={() => void act({ erase: { target: numberOf(note) } })}
+          >
+            Erase
+          </button>
+        )}
       </small>
-      <p>{note.text}</p>
+      <Text text={note.text} />
     </li>
   );
 }
 
-function Thread({ pin }: { pin: Pin }) {
+function Strokes({ strokes }: { strokes: readonly Stroke[] }) {
+  const own = strokes.filter((stroke) => isOwn(stroke.stamp));
+  if (!strokes.length) return null;
+  return (
+    <p class="hint">
+      {strokes.length === 1 ? "1 stroke is drawn." : `${strokes.length} strokes are drawn.`}{" "}
+      {mayReview.value && own.length > 0 && (
+        <button
+          type="button"
+          class="quiet"
+          onClick={() => {
+            const last = own.at(-1);
+            if (last) void act({ erase: { target: numberOf(last) } });
+          }}
+        >
+          Erase the last one
+        </button>
+      )}
+    </p>
+  );
+}
+
+function Reply({ pin }: { pin: Pin }) {
   const text = useSignal("");
   const number = numberOf(pin);
   const send = () => {
@@ -106,44 +102,101 @@ function Thread({ pin }: { pin: Pin }) {
     void act({ reply: { target: number, text: said } });
   };
   return (
+    <form
+      onSubmit={(event) => {
+        event.preventDefault();
+        send();
+      }}
+    >
+      <textarea
+        id="reply"
+        aria-label="Reply"
+        placeholder="Reply, @name mentions"
+        value={text.value}
+        onInput={(event) => (text.value = event.currentTarget.value)}
+        onKeyDown={(event) => {
+          if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) send();
+          if (event.key === "Escape") event.currentTarget.blur();
+        }}
+      />
+      <div class="row">
+        <button type="submit" class="primary" disabled={!text.value.trim()}>
+          Reply
+        </button>
+        <button
+          type="button"
+          onClick={() => void act({ status: { pin: number, resolved: !pin.resolved } })}
+        >
+          {pin.resolved ? "Reopen" : "Resolve"}
+        </button>
+      </div>
+    </form>
+  );
+}
+
+/** The address of a pin: its thread is open when a page comes by it. */
+function linkTo(number: bigint): string {
+  const url = new URL(location.href);
+  url.searchParams.set("pin", String(number));
+  url.hash = "";
+  return url.href;
+}
+
+function Seen({ pin }: { pin: Pin }) {
+  const number = numberOf(pin);
+  const copied = useSignal(false);
+  const revision = pin.seen?.revision ?? 0;
+  const look = () => {
+    const past = state.value?.revisions.find((one) => one.number === revision)?.scene;
+    lookAlone(true);
+    if (past) showAlone(past);
+  };
+  return (
+    <>
+      <div class="frame">
+        <Picture what={{ pin: number }} alt={`What ${byOf(pin.stamp)} saw`} />
+        <StrokesOver strokes={strokesOf(number)} revision={revision} />
+      </div>
+      <div class="row">
+        <small>revision {revision}</small>
+        <button type="button" class="quiet" onClick={look}>
+          Look at it
+        </button>
+        <button
+          type="button"
+          class="quiet"
+          onClick={() =>
+            void navigator.clipboard
+              .writeText(linkTo(number))
+              .then(() => (copied.value = true), fault)
+          }
+        >
+          {copied.value ? "The link is copied" : "Link to this pin"}
+        </button>
+      </div>
+    </>
+  );
+}
+
+function Thread({ pin }: { pin: Pin }) {
+  const number = numberOf(pin);
+  const anchor = anchors.value.get(number);
+  const words = anchor ? anchorText(anchor) : "";
+  return (
     <div class="thread">
-      <Picture what={{ pin: number }} alt={`What ${byOf(pin.stamp)} saw`} />
+      <Seen pin={pin} />
+      {words && (
+        <p class={anchor?.state === "lost" ? "warning" : "hint"} role="status">
+          {words}
+        </p>
+      )}
+      <Strokes strokes={strokesOf(number)} />
       <ul>
         {pin.notes.map((note) => (
           <Said key={String(numberOf(note))} note={note} />
         ))}
       </ul>
-      {mayReview.value && (
-        <form
-          onSubmit={(event) => {
-            event.preventDefault();
-            send();
-          }}
-        >
-          <textarea
-            id="reply"
-            aria-label="Reply"
-            placeholder="Reply, @name mentions"
-            value={text.value}
-            onInput={(event) => (text.value = event.currentTarget.value)}
-            onKeyDown={(event) => {
-              if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) send();
-              if (event.key === "Escape") event.currentTarget.blur();
-            }}
-          />
-          <div class="row">
-            <button type="submit" class="primary" disabled={!text.value.trim()}>
-              Reply
-            </button>
-            <button
-              type="button"
-              onClick={() => void act({ status: { pin: number, resolved: !pin.resolved } })}
-            >
-              {pin.resolved ? "Reopen" : "Resolve"}
-            </button>
-          </div>
-        </form>
-      )}
+      {mayReview.value && <Reply pin={pin} />}
     </div>
   );
 }
@@ -151,6 +204,7 @@ function Thread({ pin }: { pin: Pin }) {
 function PinRow({ pin }: { pin: Pin }) {
   const number = numberOf(pin);
   const open = openPin.value === number;
+  const lost = anchors.value.get(number)?.state === "lost";
   return (
     <li class={`pin-row ${pin.resolved ? "resolved" : ""}`}>
       <button
@@ -161,6 +215,7 @@ function PinRow({ pin }: { pin: Pin }) {
       >
         <span class="pin-number">{pinLabel(number)}</span>
         <span class="pin-text">{pin.notes[0]?.text || "erased"}</span>
+        {lost && <small title="It cannot be placed on this model">no place</small>}
         {pin.notes.length > 1 && <small>{pin.notes.length - 1}</small>}
         {isNew(pin) && <i class="unread" aria-label="unread" />}
       </button>
@@ -168,9 +223,6 @@ function PinRow({ pin }: { pin: Pin }) {
     </li>
   );
 }
-/** Pins are counted in the order in which they were placed. */
-export const pinLabel = (number: bigint) =>
-  1 + (state.value?.pins ?? []).findIndex((pin) => numberOf(pin) === number);
 
 function NewPin() {
   const text = useSignal("");
@@ -178,9 +230,12 @@ function NewPin() {
   if (!at) return null;
   const place = () => {
     const [x, y, z] = at.position;
+    const said = text.value.trim();
     newPin.value = null;
+    text.value = "";
+    putDown();
     void act({
-      pin: { text: text.value.trim(), at: { ...at, position: { x, y, z } }, scene: pinScene() },
+      pin: { text: said, at: { ...at, position: { x, y, z } }, scene: sceneNow() },
     }).then((answer) => {
       if (answer) openPin.value = answer.sequence;
     });
@@ -218,6 +273,8 @@ function NewPin() {
   );
 }
 
+// ---- decisions
+
 function verdict(decision: Decision, now: number): string {
   const at = decision.seen?.revision ?? 0;
   const word = decision.approve ? "approved" : "rejected";
@@ -227,47 +284,107 @@ function verdict(decision: Decision, now: number): string {
     : `${word} at revision ${at}, changed since`;
 }
 
-function Decisions() {
+function DecisionRow({ one, now, last }: { one: Decision; now: number; last: boolean }) {
+  const number = numberOf(one);
+  const changed = (one.seen?.revision ?? 0) !== now;
+  return (
+    <li class={one.approve ? "approved" : "rejected"}>
+      <b>{verdict(one, now)}</b>
+      <small>
+        {byOf(one.stamp)}, {timeOf(one.stamp)}
+      </small>
+      {one.note && <p>{one.note}</p>}
+      {changed && last && <DifferencePicture a={{ decision: number }} b={{}} />}
+      {changed && (
+        <button
+          type="button"
+          class="quiet"
+          onClick={() => (comparing.value = { a: { decision: number }, b: {} })}
+        >
+          Compare with now
+        </button>
+      )}
+    </li>
+  );
+}
+
+/** A decision is about the room's scene and the picture of it that the person sees here. */
+function Decide() {
   const note = useSignal("");
+  const about = useSignal<boolean | null>(null); // approve or reject; null: nothing is asked
+  const ask = (approve: boolean) => {
+    putDown();
+    about.value = approve;
+  };
+  const decide = async (approve: boolean) => {
+    const scene = state.value?.scene;
+    if (!scene) return;
+    const pictureHash = await hashOf(await pngOf({}, PICTURE));
+    if (!sameJson(scene, state.value?.scene))
+      throw new Error("the scene has changed meanwhile: look at it again, then decide");
+    await edit({ decide: { approve, note: note.value.trim(), scene, pictureHash } });
+    note.value = "";
+    about.value = null;
+  };
+  if (alone.value)
+    return <p class="hint">You look around alone. Go back to all to decide about it.</p>;
+  const word = about.value ? "Approve" : "Reject";
+  return (
+    <form class="decide" onSubmit={(event) => event.preventDefault()}>
+      <input
+        aria-label="Note of the decision"
+        placeholder="Note"
+        value={note.value}
+        onInput={(event) => (note.value = event.currentTarget.value)}
+      />
+      {about.value === null ? (
+        <div class="row">
+          <button type="button" class="primary" onClick={() => ask(true)}>
+            Approve
+          </button>
+          <button type="button" onClick={() => ask(false)}>
+            Reject
+          </button>
+        </div>
+      ) : (
+        <>
+          <Picture what={{}} alt="What the decision is about" size={PICTURE} />
+          <div class="row">
+            <button
+              type="button"
+              class="primary"
+              onClick={() => void decide(about.value === true).catch(fault)}
+            >
+              {word} this picture
+            </button>
+            <button type="button" class="quiet" onClick={() => (about.value = null)}>
+              Cancel
+            </button>
+          </div>
+        </>
+      )}
+    </form>
+  );
+}
+
+function Decisions() {
   const now = state.value;
   if (!now) return null;
   const revision = revisionNow(now);
-  const decide = (approve: boolean) => {
-    void act({ decide: { approve, note: note.value.trim(), scene: pinScene() } });
-    note.value = "";
-  };
   return (
     <Section title="Decisions">
       <ul class="decisions">
-        {now.decisions.map((one) => (
-          <li key={String(numberOf(one))} class={one.approve ? "approved" : "rejected"}>
-            <b>{verdict(one, revision)}</b>
-            <small>
-              {byOf(one.stamp)}, {timeOf(one.stamp)}
-            </small>
-            {one.note && <p>{one.note}</p>}
-          </li>
+        {now.decisions.map((one, i) => (
+          <DecisionRow
+            key={String(numberOf(one))}
+            one={one}
+            now={revision}
+            last={i === now.decisions.length - 1}
+          />
         ))}
         {!now.decisions.length && <li class="hint">Nothing is decided yet.</li>}
       </ul>
-      {mayReview.value && (
-        <form class="decide" onSubmit={(event) => event.preventDefault()}>
-          <input
-            aria-label="Note of the decision"
-            placeholder="Note"
-            value={note.value}
-            onInput={(event) => (note.value = event.currentTarget.value)}
-          />
-          <div class="row">
-            <button type="button" class="primary" onClick={() => decide(true)}>
-              Approve
-            </button>
-            <button type="button" onClick={() => decide(false)}>
-              Reject
-            </button>
-          </div>
-        </form>
-      )}
+      {mayReview.value && <Decide />}
     </Section>
   );
 }
@@ -295,12 +412,43 @@ export function ReviewPanel() {
           ))}
           {!pins.length && <li class="hint">No pin is here. P and a click place one.</li>}
         </ul>
+        <Strokes strokes={strokesOf(0n)} />
         <button type="button" class="quiet" onClick={markRead}>
           Mark all as read
         </button>
       </Section>
       <Decisions />
+      <Revisions />
+      <Variants />
     </>
+  );
+}
+
+// ---- on paper
+
+function PrintedDecision({ one, now }: { one: Decision; now: number }) {
+  const number = numberOf(one);
+  return (
+    <section>
+      <h2>{verdict(one, now)}</h2>
+      <p>
+        {byOf(one.stamp)}, {timeOf(one.stamp)}. {one.note}
+      </p>
+      <div class="pair">
+        <Picture what={{ decision: number }} alt="What the decision was about" />
+        {one.seen?.revision !== now && (
+          <>
+            <Picture what={{}} alt="The scene now" />
+            <DifferencePicture
+              a={{ decision: number }}
+              b={{}}
+              size={{ width: 480, height: 360 }}
+            />
+          </>
+        )}
+      </div>
+      <p class="hash">SHA-256 {one.hash}</p>
+    </section>
   );
 }
 
@@ -309,7 +457,7 @@ export function PrintView() {
   useEffect(() => {
     if (!printing.value) return;
     const timer = setInterval(() => {
-      if (document.querySelector(".print div.seen")) return; // a picture is not here yet
+      if (document.querySelector(".print .wait")) return; // a picture is not here yet
       clearInterval(timer);
       print();
     }, 200);
@@ -325,18 +473,11 @@ export function PrintView() {
       </button>
       <h1>{now.name}</h1>
       <p>
-        Pins: {now.pins.length}. Decisions: {now.decisions.length}. Event {String(now.sequence)}
-        .
+        Pins: {now.pins.length}. Decisions: {now.decisions.length}. Revisions:{" "}
+        {now.revisions.length}. Event {String(now.sequence)}.
       </p>
       {now.decisions.map((one) => (
-        <section key={String(numberOf(one))}>
-          <h2>{verdict(one, revision)}</h2>
-          <p>
-            {byOf(one.stamp)}, {timeOf(one.stamp)}. {one.note}
-          </p>
-          <Picture what={{ decision: numberOf(one) }} alt="What the decision was about" />
-          <p class="hash">SHA-256 {one.hash}</p>
-        </section>
+        <PrintedDecision key={String(numberOf(one))} one={one} now={revision} />
       ))}
       {now.pins.map((pin) => (
         <section key={String(numberOf(pin))}>
@@ -344,7 +485,13 @@ export function PrintView() {
             Pin {pinLabel(numberOf(pin))}, {pin.resolved ? "resolved" : "open"}, revision{" "}
             {pin.seen?.revision ?? 0}
           </h2>
-          <Picture what={{ pin: numberOf(pin) }} alt={`What ${byOf(pin.stamp)} saw`} />
+          <div class="frame">
+            <Picture what={{ pin: numberOf(pin) }} alt={`What ${byOf(pin.stamp)} saw`} />
+            <StrokesOver
+              strokes={strokesOf(numberOf(pin))}
+              revision={pin.seen?.revision ?? 0}
+            />
+          </div>
           <ul>
             {pin.notes.map((note) => (
               <Said key={String(numberOf(note))} note={note} />

@@ -3,34 +3,30 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { RoomRole, type Participant } from "../gen/relight_pb";
+import { act } from "../room/edits";
 import {
-  act,
   alone,
-  createRoom,
-  css,
   colorOf,
   conflict,
-  enter,
-  follow,
+  css,
   follows,
-  invite,
-  leave,
-  listRooms,
-  lookAlone,
+  leads,
   mayReview,
   me,
   myName,
   others,
+  people,
   role,
   rooms,
   setName,
   state,
   unread,
   waiting,
-} from "../room/session";
+} from "../room/here";
+import { createRoom, enter, follow, lead, leave, listRooms, lookAlone } from "../room/session";
 import { Icon, IconButton } from "./controls";
-import { jumpToPin, openPin, pinMode, printing } from "./review-panel";
-import { fault } from "./store";
+import { Invite } from "./invite";
+import { jumpToPin, openPin, printing, tool } from "./review-state";
 
 const ROLES: Record<number, string> = {
   [RoomRole.ROLE_VIEWER]: "viewer",
@@ -115,81 +111,66 @@ const initials = (name: string) =>
     .slice(0, 2)
     .toUpperCase() || "?";
 
+const nameOf = (person: Participant) => person.name || person.by;
+
+// What a person does, beside the name and the role.
+function doing(person: Participant): string {
+  const led = people.value.get(person.follows);
+  const whom = person.follows === me.value ? "you" : led ? nameOf(led) : "";
+  return [
+    ROLES[person.role] ?? "",
+    person.alone ? "looks around alone" : "",
+    person.leads ? "leads" : "",
+    whom ? `follows ${whom}` : "",
+    person.handParts.length ? `moves ${person.handParts.join(", ")}` : "",
+  ]
+    .filter(Boolean)
+    .join(", ");
+}
+
 function Person({ person }: { person: Participant }) {
   const followed = follows.value === person.key;
-  const name = person.name || person.by;
+  const name = nameOf(person);
+  const words = `${name}, ${doing(person)}. ${followed ? "Stop following" : "Follow"}`;
+  const marks = `${person.alone ? "alone" : ""} ${person.follows === me.value ? "with-me" : ""} ${
+    person.handParts.length ? "moves" : ""
+  }`;
   return (
     <button
       type="button"
-      class={`person ${person.alone ? "alone" : ""}`}
+      class={`person ${marks}`}
       aria-pressed={followed}
       style={{ "--own": css(person.color || colorOf(person.key)) }}
-      title={`${name}, ${ROLES[person.role] ?? ""}${person.alone ? ", looks around alone" : ""}. ${
-        followed ? "Stop following" : "Follow"
-      }`}
+      title={words}
       onClick={() => follow(person.key)}
     >
       {initials(name)}
-      <span class="for-readers">{name}</span>
+      <span class="for-readers">{words}</span>
     </button>
   );
 }
 
-function Invite({ close }: { close: () => void }) {
-  const name = useSignal("");
-  const may = useSignal(RoomRole.ROLE_REVIEWER);
-  const link = useSignal("");
+function Following() {
+  const led = people.value.get(follows.value);
+  if (!led) return null;
   return (
-    <form
-      class="popover"
-      aria-label="Invite"
-      onSubmit={(event) => {
-        event.preventDefault();
-        void invite(name.value || "guest", may.value, 14).then((url) => {
-          link.value = url;
-          if (url) void navigator.clipboard.writeText(url).catch(() => undefined);
-        }, fault);
-      }}
-    >
-      <label>
-        For whom
-        <input
-          value={name.value}
-          onInput={(event) => (name.value = event.currentTarget.value)}
-        />
-      </label>
-      <label>
-        May
-        <select
-          value={may.value}
-          onChange={(event) => (may.value = Number(event.currentTarget.value) as RoomRole)}
-        >
-          <option value={RoomRole.ROLE_REVIEWER}>review</option>
-          <option value={RoomRole.ROLE_VIEWER}>look</option>
-        </select>
-      </label>
-      <button type="submit" class="primary">
-        Make a link for 14 days
+    <small role="status">
+      The camera is {nameOf(led)}’s.{" "}
+      <button type="button" class="quiet" onClick={() => follow(led.key)}>
+        Stop following
       </button>
-      {link.value && (
-        <>
-          <input class="link" aria-label="Invitation" readOnly value={link.value} />
-          <p class="hint">It is copied, and shown this once. Whoever has it is let in.</p>
-        </>
-      )}
-      <button type="button" class="quiet" onClick={close}>
-        Close
-      </button>
-    </form>
+    </small>
   );
 }
 
 const KEYS: readonly [string, string][] = [
   ["P", "place a pin"],
+  ["D", "draw on the model"],
   ["J, K", "next and previous pin"],
   ["R", "reply"],
   ["E", "resolve or reopen"],
   ["A", "look around alone, back to all"],
+  ["L", "lead: the others take your camera"],
   ["?", "these keys"],
 ];
 
@@ -206,13 +187,15 @@ function useRoomKeys(help: { value: boolean }): void {
           at instanceof HTMLSelectElement;
         if (!state.value || typing || event.ctrlKey || event.metaKey || event.altKey) return;
         const key = event.key.toLowerCase();
-        if (key === "p" && mayReview.value) pinMode.value = !pinMode.value;
+        if (key === "p" && mayReview.value) take("pin");
+        else if (key === "d" && mayReview.value) take("draw");
         else if (key === "escape") {
-          pinMode.value = false;
+          tool.value = "none";
           help.value = false;
         } else if (key === "j") jumpToPin(1);
         else if (key === "k") jumpToPin(-1);
         else if (key === "a") lookAlone(!alone.value);
+        else if (key === "l" && mayReview.value) lead(!leads.value);
         else if (key === "?") help.value = !help.value;
         else if (key === "e" && openPin.value) toggle(openPin.value);
         else if (key === "r" && openPin.value)
@@ -229,6 +212,15 @@ function toggle(number: bigint): void {
   const pin = state.value?.pins.find((one) => one.stamp?.sequence === number);
   if (pin && mayReview.value) void act({ status: { pin: number, resolved: !pin.resolved } });
 }
+
+/** Takes a tool, or lays it down. */
+function take(which: "pin" | "draw"): void {
+  tool.value = tool.value === which ? "none" : which;
+}
+const TOOLS = [
+  ["pin", "Pin"],
+  ["draw", "Draw"],
+] as const;
 
 export function RoomBar() {
   const inviting = useSignal(false);
@@ -252,15 +244,28 @@ export function RoomBar() {
           <Person key={String(person.key)} person={person} />
         ))}
       </div>
+      <Following />
       {waiting.value > 1 && <small role="status">{waiting.value} changes wait</small>}
       <span class="gap" />
-      {mayReview.value && (
+      {mayReview.value &&
+        TOOLS.map(([which, label]) => (
+          <button
+            key={which}
+            type="button"
+            aria-pressed={tool.value === which}
+            onClick={() => take(which)}
+          >
+            {label}
+          </button>
+        ))}
+      {mayReview.value && others.value.length > 0 && (
         <button
           type="button"
-          aria-pressed={pinMode.value}
-          onClick={() => (pinMode.value = !pinMode.value)}
+          aria-pressed={leads.value}
+          title="The others take your camera"
+          onClick={() => lead(!leads.value)}
         >
-          Pin
+          Lead
         </button>
       )}
       <button type="button" aria-pressed={alone.value} onClick={() => lookAlone(!alone.value)}>

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+#include "common/program.h"
+
+#include "relight/relight.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+int exit_status(int code)
+{
+    switch (code) {
+    case RELIGHT_E_UNREACHABLE:
+    case RELIGHT_E_DISCONNECTED:
+        return EXIT_UNREACHABLE;
+    case RELIGHT_E_ARGUMENT:
+    case RELIGHT_E_OUT_OF_RANGE:
+    case RELIGHT_E_MISMATCH:
+        return EXIT_USAGE;
+    default:
+        return EXIT_FAILED;
+    }
+}
+
+double option_number(struct argp_state *state, const char *what, const char *text, double min,
+                     double max)
+{
+    char *end;
+    double x = strtod(text, &end);
+    if (end == text || *end || !isfinite(x) || x < min || x > max)
+        argp_error(state, "--%s %s: expected a number in [%g, %g]", what, text, min, max);
+    return x;
+}

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+// What the page knows of rooms: the list of them, the one that it is in, who is there.
+import { computed, signal } from "@preact/signals";
+import {
+  RoomRole,
+  type Participant,
+  type Pin,
+  type RoomState,
+  type RoomSummary,
+} from "../gen/relight_pb";
+
+const NAME_KEY = "relight-name";
+const SEEN_KEY = "relight-room-seen";
+const COLORS = [0xe0714f, 0x4f9be0, 0x59b36a, 0xc77bd6, 0xd9a92f, 0x3fb5ae];
+
+export const rooms = signal<RoomSummary[] | null>(null);
+export const roomId = signal(new URLSearchParams(location.search).get("room") ?? "");
+export const state = signal<RoomState | null>(null);
+export const role = signal(RoomRole.ROLE_NONE);
+export const people = signal<ReadonlyMap<bigint, Participant>>(new Map());
+export const me = signal(0n);
+export const alone = signal(false);
+/** Key of the person whose camera is followed; 0: nobody's. */
+export const follows = signal(0n);
+/** Whether the others are asked to take this person's camera. */
+export const leads = signal(false);
+/** What was not kept of this person's work; empty: all was. */
+export const conflict = signal("");
+/** Edits that wait for the connection. */
+export const waiting = signal(0);
+/** Request id of the SUBSCRIBE; 0: the page sits in no room. */
+export const seat = { id: 0n };
+
+export const myName = signal(localStorage.getItem(NAME_KEY) ?? "");
+export const mayReview = computed(
+  () => role.value >= RoomRole.ROLE_REVIEWER && !state.value?.closed,
+);
+export const others = computed(() =>
+  [...people.value.values()].filter((person) => person.key !== me.value),
+);
+
+export function setName(name: string): void {
+  myName.value = name.slice(0, 60);
+  localStorage.setItem(NAME_KEY, myName.value);
+}
+export const colorOf = (key: bigint) => COLORS[Number(key % BigInt(COLORS.length))] ?? 0xffffff;
+export const css = (color: number) => `#${color.toString(16).padStart(6, "0")}`;
+
+// ---- what was read: the newest event seen of each room, in this browser
+
+const seenStore = signal<Record<string, number>>(
+  JSON.parse(localStorage.getItem(SEEN_KEY) ?? "{}") as Record<string, number>,
+);
+/** The sequence up to which a room was read before now. */
+export const readBefore = signal(0);
+export const unread = (room: RoomSummary) =>
+  Number(room.sequence) > (seenStore.value[room.room] ?? 0);
+/** What is new is measured from where the room was left the last time. */
+export function beginReading(room: string): void {
+  readBefore.value = seenStore.value[room] ?? 0;
+}
+export function leaveRead(): void {
+  const now = state.value;
+  if (!now) return;
+  seenStore.value = { ...seenStore.value, [now.room]: Number(now.sequence) };
+  localStorage.setItem(SEEN_KEY, JSON.stringify(seenStore.value));
+}
+export function markRead(): void {
+  leaveRead();
+  readBefore.value = Number(state.value?.sequence ?? 0n);
+}
+/** Whether a pin has a note by another person that came since the room was read. */
+export const isNew = (pin: Pin) =>
+  pin.notes.some(
+    (note) =>
+      Number(note.stamp?.sequence ?? 0n) > readBefore.value &&
+      note.stamp?.name !== myName.value,
+  );

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: MIT
+// The page's scene and the room's follow each other. While a hand moves something the others see
+// it by presence; when it rests one edit keeps it.
+import { effect } from "@preact/signals";
+import { ErrorCode, type Participant, type Scene } from "../gen/relight_pb";
+import { RelightError } from "../protocol/errors";
+import { upload } from "../protocol/upload";
+import { change, client, fault, info, scene, status, viewer } from "../ui/store";
+import {
+  lightsOf,
+  orbitOf,
+  PARTS,
+  sameJson,
+  sceneOf,
+  withParts,
+  type PartName,
+  type SceneInit,
+} from "./convert";
+import { edit, scenePends, unsentChange } from "./edits";
+import { alone, conflict, follows, mayReview, me, state } from "./here";
+import { builtinFile } from "./hdr";
+import { handIsTold, tell } from "./presence";
+
+/** Of pictures that are kept: pins, decisions. */
+export const PICTURE = { width: 960, height: 720 };
+const REST_MS = 250; // a hand that moved nothing for so long rests
+const MOST_MS = 10_000; // one that does not rest is kept so often
+
+let shared: SceneInit | null = null; // as all see it; null: nothing is sent
+const uploads = new Map<string, string>(); // "page:ID" to "env:HASH"
+const sending = new Set<string>();
+const held = new Set<PartName>(); // what this hand moved since its last edit
+const hands = new Map<PartName, { key: bigint; scene: Scene }>(); // what others move now
+let heldSince = 0;
+let rest: ReturnType<typeof setTimeout> | undefined;
+let again: () => void = () => undefined;
+let newest: () => bigint = () => 0n;
+
+/** fetch: reads the state anew; sequence: of the newest event that came. */
+export function useRoom(fetch: () => void, sequence: () => bigint): void {
+  again = fetch;
+  newest = sequence;
+}
+
+// ---- the scene as the room has it
+
+function bringLights(): void {
+  for (const { env } of scene.value.lamps) {
+    if (!env.startsWith("page:") || uploads.has(env) || sending.has(env)) continue;
+    const bytes = builtinFile(env);
+    if (!bytes || !client.can("upload")) continue;
+    sending.add(env);
+    upload(client, `${env.slice(5)}.hdr`, bytes)
+      .then((hash) => {
+        uploads.set(env, `env:${hash}`);
+        share();
+      })
+      .catch(fault)
+      .finally(() => sending.delete(env));
+  }
+}
+
+export function sceneNow(): SceneInit {
+  const now = scene.value;
+  const lights = lightsOf(now.lamps, uploads) ?? shared?.lights ?? [];
+  // A name is known as an id when the model is here.
+  const isId = /^[0-9a-f]{32}$/.test(now.model);
+  const model = isId ? now.model : (info.value?.model ?? state.value?.scene?.model ?? "");
+  const placed = viewer?.framed ? viewer.placed(now) : null;
+  const out = sceneOf(now, model, placed, lights, PICTURE);
+  if (!placed) out.camera = shared?.camera;
+  return out;
+}
+
+/** Of a new room: lights of the page are uploaded first. */
+export async function shownScene(): Promise<SceneInit> {
+  for (const { env } of scene.value.lamps) {
+    const bytes = uploads.has(env) ? null : builtinFile(env);
+    if (bytes) uploads.set(env, `env:${await upload(client, `${env.slice(5)}.hdr`, bytes)}`);
+  }
+  return sceneNow();
+}
+
+// ---- out: by presence while the hand moves, as an edit when it rests
+
+function share(): void {
+  if (!state.value || alone.value || !mayReview.value || !shared) return;
+  bringLights();
+  const now = sceneNow();
+  const before = shared;
+  const parts = PARTS.filter(
+    (part) => !sameJson(now[part], before[part]) && !(part === "camera" && follows.value),
+  );
+  if (!parts.length) return;
+  shared = now;
+  if (!held.size) heldSince = performance.now();
+  for (const part of parts) held.add(part);
+  tellHand(now);
+  clearTimeout(rest);
+  const left = heldSince + MOST_MS - performance.now();
+  rest = setTimeout(putDown, Math.max(0, Math.min(REST_MS, left)));
+}
+
+function tellHand(now: SceneInit): void {
+  const parts = [...held];
+  const moved = Object.fromEntries(parts.map((part) => [part, now[part]])) as SceneInit;
+  tell({ hand: { scene: moved, parts } });
+}
+
+/** What the hand moved becomes an edit. */
+export function putDown(): void {
+  clearTimeout(rest);
+  if (!held.size) return;
+  const parts = [...held];
+  held.clear();
+  if (state.value && !alone.value) sendParts(parts, sceneNow());
+}
+
+/** Sends parts of the scene; a change that waits is replaced by the newer one. */
+function sendParts(parts: readonly PartName[], next: SceneInit): void {
+  const last = unsentChange();
+  const before = last?.action.scene;
+  const all = [...new Set([...parts, ...((before?.parts ?? []) as PartName[])])];
+  const values = Object.fromEntries(
+    all.map((part) => [part, parts.includes(part) ? next[part] : before?.scene?.[part]]),
+  );
+  const action = {
+    scene: {
+      scene: values as SceneInit,
+      parts: all,
+      // Offline, another one's change must not be overwritten unseen.
+      since: client.hello ? 0n : (before?.since ?? newest()),
+    },
+  };
+  if (last) {
+    last.action = action;
+    return;
+  }
+  edit(action)
+    .catch((error: unknown) => {
+      if (error instanceof RelightError && error.code === ErrorCode.ERROR_MISMATCH)
+        conflict.value =
+          "While you were offline another person changed the same part of the scene. Theirs is " +
+          "shown, yours was not kept.";
+      else fault(error);
+      again();
+    })
+    .finally(() => {
+      if (!held.size && handIsTold()) tell({ hand: null });
+    });
+}
+
+// ---- in: what others do
+
+// The room's scene, with what others move now.
+function roomScene(): Scene | null {
+  const now = state.value?.scene;
+  if (!now || !hands.size) return now ?? null;
+  const moved = [...hands].map(([part, hand]) => [part, hand.scene[part]]);
+  return { ...now, ...(Object.fromEntries(moved) as Partial<Scene>) };
+}
+
+// The camera of the room waits until the model is here.
+let cameraWaits = false;
+function showCamera(): void {
+  const frame = viewer?.framed;
+  const camera = roomScene()?.camera;
+  cameraWaits = camera !== undefined && !frame;
+  const orbit = frame && camera ? orbitOf(camera, frame) : null;
+  if (orbit && !follows.value) change({ orbit });
+}
+
+/** Shows parts of the room's scene; not those that this person's hand holds. */
+export function showParts(parts: readonly string[]): void {
+  const next = roomScene();
+  const free = parts.filter((part) => !held.has(part as PartName));
+  if (!next || alone.value || !free.length) return;
+  shared = null; // nothing is sent meanwhile
+  change(withParts(scene.value, next, free, uploads));
+  if (free.includes("camera")) showCamera();
+  shared = sceneNow();
+}
+
+/** Shows the room's state, unless what this person did is on its way. */
+export function showRoom(): void {
+  if (!scenePends()) showParts(PARTS);
+}
+
+/** Somebody's hand takes parts of the scene, moves them, or puts them down. */
+export function takeHand(person: Participant): void {
+  if (person.key === me.value) return;
+  const parts = person.gone ? [] : (person.handParts as PartName[]);
+  const moved: PartName[] = [];
+  for (const [part, hand] of hands)
+    if (hand.key === person.key && !parts.includes(part)) {
+      hands.delete(part);
+      moved.push(part);
+    }
+  for (const part of parts) {
+    const before = hands.get(part);
+    if (!person.hand || !PARTS.includes(part)) continue;
+    hands.set(part, { key: person.key, scene: person.hand });
+    if (!sameJson(before?.scene[part], person.hand[part])) moved.push(part);
+  }
+  if (moved.length) showParts(moved);
+}
+export const handsOf = () => new Set([...hands.values()].map((hand) => hand.key));
+
+/** A scene of the room's history, for this person alone. */
+export function showAlone(past: Scene): void {
+  shared = null;
+  change(withParts(scene.value, past, PARTS, uploads));
+  const frame = viewer?.framed;
+  const orbit = frame ? orbitOf(past.camera, frame) : null;
+  if (orbit) change({ orbit });
+}
+
+/** Makes a scene of the room's history the room's scene again, number by number. */
+export function bringBack(past: Scene): void {
+  putDown();
+  showAlone(past);
+  shared = sceneNow();
+  sendParts(PARTS, past);
+}
+
+/** Whether nothing of this page is on its way to the room. */
+const rests = () => !held.size && !scenePends() && !handIsTold();
+Object.assign(globalThis, { relightRoom: { rests } }); // for tests and for the console
+
+/** The room was left. */
+export function forgetRoom(): void {
+  putDown();
+  held.clear();
+  hands.clear();
+  shared = null;
+  cameraWaits = false;
+}
+
+effect(() => {
+  void scene.value;
+  void info.value;
+  void status.value.mode;
+  if (cameraWaits && viewer?.framed) {
+    const before = shared;
+    shared = null;
+    showCamera();
+    shared = before ? sceneNow() : null;
+  }
+  share();
+});

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: MIT
+// The room's revisions: who saved what and when, any two of them compared, any one shown again.
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import type { Revision } from "../gen/relight_pb";
+import { act } from "../room/edits";
+import { alone, mayReview, state } from "../room/here";
+import type { Kept } from "../room/pictures";
+import { bringBack, putDown, showAlone } from "../room/share";
+import { lookAlone } from "../room/session";
+import { Choice, IconButton, Section } from "./controls";
+import { byOf, comparing, revisionNow, timeOf } from "./review-state";
+import { DifferencePicture, Picture } from "./room-picture";
+import { set } from "./store";
+
+const FEW = 8;
+const LARGE = { width: 960, height: 720 };
+
+function look(one: Revision): void {
+  lookAlone(true);
+  if (one.scene) showAlone(one.scene);
+}
+
+function Row({ one, now }: { one: Revision; now: number }) {
+  return (
+    <li>
+      <b>
+        Revision {one.number}
+        {one.number === now && ", as it is now"}
+      </b>
+      <small>
+        {byOf(one.stamp)}, {timeOf(one.stamp)}
+      </small>
+      {one.note && <p>{one.note}</p>}
+      <div class="row">
+        <button type="button" class="quiet" onClick={() => look(one)}>
+          Look
+        </button>
+        {one.number !== now && (
+          <button
+            type="button"
+            class="quiet"
+            onClick={() => (comparing.value = { a: { revision: one.number }, b: {} })}
+          >
+            Compare
+          </button>
+        )}
+        {one.number !== now && mayReview.value && !alone.value && (
+          <button type="button" class="quiet" onClick={() => one.scene && bringBack(one.scene)}>
+            Bring back
+          </button>
+        )}
+      </div>
+    </li>
+  );
+}
+
+export function Revisions() {
+  const note = useSignal("");
+  const all = useSignal(false);
+  const now = state.value;
+  if (!now) return null;
+  const present = revisionNow(now);
+  const list = [...now.revisions].reverse();
+  const save = () => {
+    putDown();
+    void act({ save: { note: note.value.trim() } });
+    note.value = "";
+  };
+  return (
+    <Section title="Revisions">
+      <ul class="decisions revisions">
+        {(all.value ? list : list.slice(0, FEW)).map((one) => (
+          <Row key={one.number} one={one} now={present} />
+        ))}
+        {!list.length && <li class="hint">No revision is saved yet.</li>}
+      </ul>
+      {list.length > FEW && !all.value && (
+        <button type="button" class="quiet" onClick={() => (all.value = true)}>
+          All {list.length} revisions
+        </button>
+      )}
+      {mayReview.value && (
+        <form
+          class="decide"
+          onSubmit={(event) => {
+            event.preventDefault();
+            save();
+          }}
+        >
+          <input
+            aria-label="Note of the revision"
+            placeholder="Note"
+            value={note.value}
+            onInput={(event) => (note.value = event.currentTarget.value)}
+          />
+          <button type="submit" disabled={present > 0}>
+            Save this as a revision
+          </button>
+        </form>
+      )}
+    </Section>
+  );
+}
+
+/** Materials that the room keeps by name: one click shows one. */
+export function Variants() {
+  const name = useSignal("");
+  const now = state.value;
+  if (!now || (!now.variants.length && !mayReview.value)) return null;
+  const material = now.scene?.material ?? "";
+  return (
+    <Section title="Material variants">
+      <ul class="pins variants">
+        {now.variants.map((one) => (
+          <li key={one.name} class="row">
+            <button
+              type="button"
+              class="pin-title"
+              aria-pressed={one.material === material}
+              onClick={() => set({ material: one.material })}
+            >
+              {one.name}
+            </button>
+            {mayReview.value && (
+              <IconButton
+                icon="close"
+                label={`Remove the variant ${one.name}`}
+                onClick={() => void act({ variant: { name: one.name, material: "" } })}
+              />
+            )}
+          </li>
+        ))}
+      </ul>
+      {mayReview.value && material && (
+        <form
+          class="row"
+          onSubmit={(event) => {
+            event.preventDefault();
+            putDown();
+            void act({ variant: { name: name.value.trim(), material } });
+            name.value = "";
+          }}
+        >
+          <input
+            aria-label="Name of the variant"
+            placeholder="Name of this material"
+            value={name.value}
+            onInput={(event) => (name.value = event.currentTarget.value)}
+          />
+          <button type="submit" disabled={!name.value.trim()}>
+            Keep
+          </button>
+        </form>
+      )}
+    </Section>
+  );
+}
+
+// ---- two of them
+
+type Mode = "side" | "wipe" | "difference";
+const MODES: { value: Mode; label: string }[] = [
+  { value: "side", label: "Side by side" },
+  { value: "wipe", label: "Wipe" },
+  { value: "difference", label: "ΔE map" },
+];
+
+function wordOf(what: Kept): string {
+  if (what.revision) return `revision ${what.revision}`;
+  if (what.decision) {
+    const one = state.value?.decisions.find((d) => d.stamp?.sequence === what.decision);
+    return one
+      ? `${one.approve ? "approved" : "rejected"} at revision ${one.seen?.revision ?? 0}`
+      : "";
+  }
+  return "now";
+}
+
+function Pick(props: { label: string; what: Kept; onPick: (what: Kept) => void }) {
+  const { what } = props;
+  const value = what.decision ? "d" : String(what.revision ?? 0);
+  return (
+    <label class="picked">
+      {props.label}
+      <select
+        aria-label={props.label}
+        value={value}
+        onChange={(event) => {
+          const picked = event.currentTarget.value;
+          if (picked !== "d") props.onPick(Number(picked) ? { revision: Number(picked) } : {});
+        }}
+      >
+        {what.decision && <option value="d">{wordOf(what)}</option>}
+        <option value="0">now</option>
+        {(state.value?.revisions ?? []).map((one) => (
+          <option key={one.number} value={one.number}>
+            revision {one.number}
+            {one.note && `: ${one.note.slice(0, 40)}`}
+          </option>
+        ))}
+      </select>
+    </label>
+  );
+}
+
+function Both({ mode, at }: { mode: Mode; at: { value: number } }) {
+  const both = comparing.value;
+  if (!both) return null;
+  const { a, b } = both;
+  if (mode === "difference") return <DifferencePicture a={a} b={b} size={LARGE} />;
+  return (
+    <div class={`both ${mode}`} style={{ "--at": `${at.value}%` }}>
+      <Picture what={a} alt={`A: ${wordOf(a)}`} size={LARGE} />
+      <Picture what={b} alt={`B: ${wordOf(b)}`} size={LARGE} />
+      {mode === "wipe" && (
+        <input
+          type="range"
+          aria-label="Wipe"
+          min={0}
+          max={100}
+          value={at.value}
+          onInput={(event) => (at.value = Number(event.currentTarget.value))}
+        />
+      )}
+    </div>
+  );
+}
+
+/** Two scenes of the room as the daemon draws them, over the page. */
+export function RevisionCompare() {
+  const mode = useSignal<Mode>("side");
+  const at = useSignal(50);
+  const both = comparing.value;
+  useEffect(() => {
+    if (!comparing.value) return undefined;
+    const stop = new AbortController();
+    addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key === "Escape") comparing.value = null;
+      },
+      { signal: stop.signal },
+    );
+    return () => stop.abort();
+  }, [both !== null]);
+  if (!both) return null;
+  return (
+    <section class="compare-rooms" role="dialog" aria-label="Two revisions">
+      <header class="row">
+        <Pick label="A" what={both.a} onPick={(a) => (comparing.value = { ...both, a })} />
+        <Pick label="B" what={both.b} onPick={(b) => (comparing.value = { ...both, b })} />
+        <Choice
+          label="How they are compared"
+          value={mode.value}
+          options={MODES}
+          onChange={(value) => (mode.value = value)}
+        />
+        <IconButton
+          icon="close"
+          label="Close the comparison"
+          onClick={() => (comparing.value = null)}
+        />
+      </header>
+      <Both mode={mode.value} at={at} />
+    </section>
+  );
+}

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: MIT
+// Pictures of scenes that the room keeps, with what was drawn on them, and their differences.
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import type { Stroke } from "../gen/relight_pb";
+import { state } from "../room/here";
+import { compared, pictureOf, type Compared, type Kept, type Size } from "../room/pictures";
+import { project } from "../room/pick";
+import { placedOf } from "../room/convert";
+import { css } from "../room/here";
+import { MAP_MOST, heat } from "../scene/color-difference";
+import { fault } from "./store";
+
+const keyOf = (what: Kept) =>
+  `${String(what.pin ?? "")}/${String(what.decision ?? "")}/${String(what.revision ?? "")}`;
+const SMALL: Size = { width: 480, height: 360 };
+
+/** sequence: of the state, where the picture is of the scene as it is. */
+const sequenceOf = (what: Kept) =>
+  what.pin || what.decision || what.revision ? 0n : (state.value?.sequence ?? 0n);
+
+export function Picture(props: { what: Kept; alt: string; size?: Size }) {
+  const address = useSignal("");
+  const { what, size = SMALL } = props;
+  useEffect(() => {
+    let live = true;
+    address.value = "";
+    pictureOf(what, size).then((url) => {
+      if (live) address.value = url;
+    }, fault);
+    return () => (live = false);
+  }, [keyOf(what), sequenceOf(what)]);
+  return address.value ? (
+    <img class="seen" src={address.value} alt={props.alt} />
+  ) : (
+    <div class="seen wait" role="status" aria-label="The daemon draws the picture" />
+  );
+}
+
+/** Strokes over a picture of a revision, seen through its camera. */
+export function StrokesOver(props: { strokes: readonly Stroke[]; revision: number }) {
+  const scene = state.value?.revisions.find((one) => one.number === props.revision)?.scene;
+  const placed = placedOf(scene?.camera);
+  if (!placed || !props.strokes.length) return null;
+  const { width, height } = SMALL;
+  return (
+    <svg class="over" viewBox={`0 0 ${width} ${height}`} aria-hidden="true">
+      {props.strokes.map((stroke) => {
+        const points = (stroke.line?.points ?? []).flatMap(({ position }) => {
+          const at =
+            position && project(placed, [position.x, position.y, position.z], width, height);
+          return at ? [`${at.x.toFixed(1)},${at.y.toFixed(1)}`] : [];
+        });
+        return (
+          <polyline
+            key={String(stroke.stamp?.sequence)}
+            points={points.join(" ")}
+            stroke={css(stroke.line?.color ?? 0)}
+            stroke-width={((stroke.line?.width ?? 3) * width) / 960}
+          />
+        );
+      })}
+    </svg>
+  );
+}
+
+/** Where two scenes of the room differ, as a map of ΔE₀₀ with its numbers. */
+export function DifferencePicture(props: { a: Kept; b: Kept; size?: Size }) {
+  const { a, b, size = { width: 240, height: 180 } } = props;
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const found = useSignal<Compared | null>(null);
+  useEffect(() => {
+    let live = true;
+    found.value = null;
+    compared(a, b, size).then((result) => {
+      const node = canvas.current;
+      if (!live || !node) return;
+      node.width = result.width;
+      node.height = result.height;
+      node
+        .getContext("2d")
+        ?.putImageData(new ImageData(result.map, result.width, result.height), 0, 0);
+      found.value = result;
+    }, fault);
+    return () => (live = false);
+  }, [keyOf(a), keyOf(b), sequenceOf(a), sequenceOf(b)]);
+  const numbers = found.value;
+  const ramp = [0, 0.2, 0.4, 0.6, 0.8, 1].map((x) => `rgb(${heat(x).join(" ")})`).join(", ");
+  return (
+    <figure class={`difference ${numbers ? "" : "wait"}`}>
+      <canvas ref={canvas} class="seen" role="img" aria-label="Map of the difference" />
+      <figcaption>
+        {numbers ? (
+          <>
+            ΔE₀₀ mean {numbers.mean.toFixed(2)}, most {numbers.most.toFixed(1)};{" "}
+            {(100 * numbers.seen).toFixed(0)} % above 2.3
+          </>
+        ) : (
+          "The daemon draws both."
+        )}
+        <i
+          class="ramp"
+          title={`0 to ${MAP_MOST}`}
+          style={{ background: `linear-gradient(90deg, ${ramp})` }}
+        />
+      </figcaption>
+    </figure>
+  );
+}

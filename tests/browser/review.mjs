@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: MIT
+// One person's review: strokes on the surface, revisions compared and brought back, pins on a model
+// that was replaced, variants, links to pins, a leader. For page.mjs.
+import assert from "node:assert/strict";
+
+const named = (name) => ({
+  storageState: undefined,
+  viewport: { width: 1100, height: 700 },
+  permissions: ["clipboard-read", "clipboard-write"],
+});
+
+/** tools: as roomScenarios of rooms.mjs. */
+export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }) {
+  const enter = async (url, name) => {
+    const page = await open("about:blank", named(name));
+    await page.addInitScript(`localStorage.setItem("relight-name", ${JSON.stringify(name)});`);
+    await page.goto(url);
+    return page;
+  };
+  const rests = (page) =>
+    page.waitForFunction(() => globalThis.relightRoom.rests(), null, PATIENCE);
+  const begin = async (home, name, title) => {
+    const page = await enter(`${home}/#model=marble.prt&light=constant@0,0`, name);
+    await mode(page, "mesh");
+    await page.getByRole("button", { name: /^Rooms/ }).click();
+    await page.getByLabel("A new room about this picture").fill(title);
+    await page.getByRole("button", { name: "Create the room" }).click();
+    await page.locator(".room-bar").waitFor(PATIENCE);
+    return page;
+  };
+  const idOf = (page) => /room=([0-9a-f]{32})/.exec(page.url())[1];
+  const pin = async (page, text, at) => {
+    await page.locator(".stage").focus();
+    await page.keyboard.press("p");
+    await page.mouse.click(...at);
+    await page.getByLabel("What is wrong here").fill(text);
+    await page.getByRole("button", { name: "Place the pin" }).click();
+    await page.locator(".pin-row", { hasText: text }).waitFor(PATIENCE);
+  };
+
+  return {
+    async "strokes are drawn on the surface"(home) {
+      const ann = await begin(home, "Ann", "Strokes");
+      await pin(ann, "a dent", [340, 330]);
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("d");
+      const camera = await ann.evaluate(() => globalThis.relightViewer.state.orbit.azimuth);
+      await ann.mouse.move(300, 340);
+      await ann.mouse.down();
+      for (let i = 1; i <= 12; i++) await ann.mouse.move(300 + 8 * i, 340 + 20 * Math.sin(i));
+      await ann.mouse.up();
+      const kept = ann.locator(".strokes g polyline");
+      await kept.first().waitFor({ ...PATIENCE, state: "attached" });
+      assert.equal(
+        await ann.evaluate(() => globalThis.relightViewer.state.orbit.azimuth),
+        camera,
+        "the hand that draws does not turn the camera",
+      );
+      await ann.keyboard.press("Escape");
+      const strokes = roomLog(idOf(ann)).filter(({ action }) => action.stroke);
+      assert.equal(strokes.length, 1);
+      const { points, pin: of } = strokes[0].action.stroke;
+      assert.ok(points.length >= 10 && Number(of) > 0);
+      for (const { position } of points) {
+        const r = Math.hypot(position.x ?? 0, position.y ?? 0, position.z ?? 0);
+        assert.ok(r > 0.5 && r < 1.5, `a point at ${r} from the middle`);
+      }
+      // On the picture of the pin, too; and it goes with its author's word.
+      await ann.locator(".thread .over polyline").waitFor({ ...PATIENCE, state: "attached" });
+      await shot(ann, "room-strokes");
+      // Turned about, it lies on the other side.
+      await ann.locator(".stage").focus();
+      for (let i = 0; i < 30; i++) await ann.keyboard.press("ArrowLeft");
+      await ann
+        .locator(".strokes g polyline.behind")
+        .first()
+        .waitFor({
+          ...PATIENCE,
+          state: "attached",
+        });
+      await ann.locator(".pin-mark.behind").waitFor(PATIENCE);
+      await ann.getByRole("button", { name: "Erase the last one" }).click();
+      await kept.first().waitFor({ ...PATIENCE, state: "detached" });
+      await ann.context().close();
+    },
+
+    async "revisions are compared and brought back"(home) {
+      const ann = await begin(home, "Ann", "Revisions");
+      const save = async (note) => {
+        await rests(ann);
+        await ann.getByLabel("Note of the revision").fill(note);
+        await ann.getByRole("button", { name: "Save this as a revision" }).click();
+        await ann.locator(".revisions li", { hasText: note }).waitFor(PATIENCE);
+      };
+      await save("as it came");
+      const first = roomLog(idOf(ann)).length;
+      await ann.locator(".stage").focus();
+      for (let i = 0; i < 8; i++) await ann.keyboard.press("ArrowLeft");
+      await save("turned");
+      assert.ok(roomLog(idOf(ann)).length > first);
+      assert.equal(await ann.locator(".revisions li").count(), 2);
+      await ann
+        .locator(".revisions li")
+        .nth(1)
+        .getByRole("button", { name: "Compare" })
+        .click();
+      const dialog = ann.getByRole("dialog", { name: "Two revisions" });
+      await dialog.locator("img.seen").nth(1).waitFor(PATIENCE);
+      const sources = await dialog
+        .locator("img.seen")
+        .evaluateAll((nodes) => nodes.map((node) => node.src));
+      assert.notEqual(sources[0], sources[1]);
+      await shot(ann, "room-compare");
+      await dialog.getByRole("radio", { name: "Wipe" }).click();
+      await dialog.getByRole("slider", { name: "Wipe" }).fill("30");
+      await shot(ann, "room-wipe");
+      await dialog.getByRole("radio", { name: "ΔE map" }).click();
+      const words = dialog.getByText(/ΔE₀₀ mean/);
+      await words.waitFor(PATIENCE);
+      assert.ok(Number(/mean ([\d.]+)/.exec(await words.textContent())[1]) > 0.1);
+      await shot(ann, "room-difference");
+      // A revision with itself.
+      await dialog.getByLabel("B", { exact: true }).selectOption("1");
+      await dialog.getByText(/ΔE₀₀ mean 0\.00, most 0\.0/).waitFor(PATIENCE);
+      await ann.evaluate(axe);
+      const found = await ann.evaluate(() =>
+        globalThis.axe.run({ runOnly: ["wcag2a", "wcag2aa"] }),
+      );
+      assert.deepEqual(
+        found.violations.map((one) => `${one.id}: ${one.nodes[0].html}`),
+        [],
+      );
+      await ann.keyboard.press("Escape");
+      await dialog.waitFor({ ...PATIENCE, state: "detached" });
+      await ann
+        .locator(".revisions li")
+        .nth(1)
+        .getByRole("button", { name: "Bring back" })
+        .click();
+      await ann.getByText("Revision 1, as it is now").waitFor(PATIENCE);
+
+      // Variants: a medium by name.
+      await ann.getByRole("tab", { name: "Review" }).click();
+      await ann.evaluate(() => globalThis.relightRoom.rests());
+      await ann.context().close();
+    },
+
+    async "pins keep their place on a model that was replaced"(home) {
+      const ann = await begin(home, "Ann", "Replaced");
+      await pin(ann, "stays", [260, 380]);
+      await pin(ann, "goes", [540, 352]);
+      assert.equal(await ann.locator(".pin-mark").count(), 2);
+      const show = async (model) => {
+        await ann.evaluate((hash) => (location.hash = hash), `model=${model}`);
+        await ann.waitForFunction(
+          (name) =>
+            globalThis.relightViewer.status.mode === "mesh" &&
+            globalThis.relightViewer.info?.name === name,
+          model,
+          PATIENCE,
+        );
+      };
+      // The same shape in another bake: the same triangles.
+      await show("open.prt");
+      await ann.waitForFunction(
+        () => document.querySelectorAll(".pin-mark").length === 2,
+        null,
+        PATIENCE,
+      );
+      await ann.locator(".pin-title", { hasText: "stays" }).click();
+      assert.equal(await ann.getByText(/Placed on another model|cannot be placed/).count(), 0);
+      await show("shorter.prt");
+      await ann.getByText(/Placed on another model: the nearest surface is/).waitFor(PATIENCE);
+      await ann.waitForFunction(
+        () => document.querySelectorAll(".pin-mark").length === 1,
+        null,
+        PATIENCE,
+      );
+      await ann.locator(".pin-title", { hasText: "goes" }).click();
+      await ann.getByText(/It cannot be placed on this model/).waitFor(PATIENCE);
+      await settled(ann);
+      await shot(ann, "room-replaced");
+
+      // A link to the pin, in another browser.
+      await ann.getByRole("button", { name: "Link to this pin" }).click();
+      const link = await ann.evaluate(() => navigator.clipboard.readText());
+      const bob = await enter(link, "Bob");
+      await bob.locator(".thread").getByText("goes").waitFor(PATIENCE);
+      await bob.locator(".thread img.seen").waitFor(PATIENCE);
+      // Ann leads: Bob takes her camera, until he stops it.
+      await mode(bob, "mesh");
+      await ann.getByTitle(/^Bob, /).waitFor(PATIENCE);
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("a");
+      await ann.keyboard.press("a");
+      await ann.keyboard.press("l");
+      await bob.getByText("The camera is Ann’s.").waitFor(PATIENCE);
+      await ann.getByTitle(/^Bob, .*follows you/).waitFor(PATIENCE);
+      for (let i = 0; i < 5; i++) await ann.keyboard.press("ArrowLeft");
+      const azimuth = await ann.evaluate(() => globalThis.relightViewer.state.orbit.azimuth);
+      await bob.waitForFunction(
+        (one) => Math.abs(globalThis.relightViewer.state.orbit.azimuth - one) < 0.1,
+        azimuth,
+        PATIENCE,
+      );
+      await ann.keyboard.press("l");
+      await bob.getByText("The camera is Ann’s.").waitFor({ ...PATIENCE, state: "detached" });
+      await bob.context().close();
+      await ann.context().close();
+    },
+  };
+}
