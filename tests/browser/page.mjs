@@ -400,6 +400,71 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "thickness is drawn in place of light, as rays find it"(home) {
+    const page = await open(`${home}/#model=marble.prt&orbit=30,20,1`);
+    await mode(page, "mesh");
+    await settled(page);
+    await page.getByRole("tab", { name: "View" }).click();
+    await page.getByRole("radio", { name: "Thickness" }).click();
+    await page.getByText(/yellow 10 mm/).waitFor(PATIENCE);
+    assert.match(page.url(), /heat=thickness/);
+    await settled(page);
+    await shot(page, "thickness");
+    const found = await page.evaluate(() => {
+      const { stage, shape } = globalThis.relightViewer;
+      const [w, h] = [160, 120];
+      const drawn = stage.readThickness(w, h);
+      const { camera } = stage;
+      const aspect = camera.aspect;
+      const tan = Math.tan((camera.fov * Math.PI) / 360);
+      const m = camera.matrixWorld.elements;
+      const turn = (d) => [0, 1, 2].map((i) => m[i] * d[0] + m[4 + i] * d[1] + m[8 + i] * d[2]);
+      const less = (a, b) => a.map((x, i) => x - b[i]);
+      const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+      const cross = (a, b) =>
+        [0, 1, 2].map((i) => {
+          const [j, k] = [(i + 1) % 3, (i + 2) % 3];
+          return a[j] * b[k] - a[k] * b[j];
+        });
+      const eye = [m[12], m[13], m[14]];
+      const point = (v) => Array.from(shape.positions.subarray(3 * v, 3 * v + 3));
+      return [
+        [80, 60],
+        [70, 66],
+        [86, 50],
+        [76, 45],
+      ].map(([x, y]) => {
+        const d = turn(
+          [(2 * (x + 0.5)) / w - 1, (2 * (y + 0.5)) / h - 1, -1].map(
+            (c, i) => c * [tan * aspect, tan, 1][i],
+          ),
+        );
+        const unit = Math.hypot(...d);
+        let sum = 0;
+        for (let t = 0; t < shape.triangles.length; t += 3) {
+          const [a, b, c] = [0, 1, 2].map((k) => point(shape.triangles[t + k]));
+          const [e1, e2] = [less(b, a), less(c, a)];
+          const p = cross(d, e2);
+          const det = dot(e1, p);
+          if (Math.abs(det) < 1e-12) continue;
+          const o = less(eye, a);
+          const u = dot(o, p) / det;
+          const q = cross(o, e1);
+          const v = dot(d, q) / det;
+          if (u < 0 || v < 0 || u + v > 1) continue;
+          sum += (det > 0 ? -1 : 1) * (dot(e2, q) / det) * unit * shape.mmPerUnit;
+        }
+        return [drawn[y * w + x], sum];
+      });
+    });
+    for (const [drawn, traced] of found)
+      assert.ok(traced > 1 && Math.abs(drawn - traced) < 0.05 * traced, `${drawn} ${traced}`);
+    await page.getByRole("radio", { name: "All" }).click();
+    await settled(page);
+    assert.ok(!page.url().includes("heat="));
+    await page.context().close();
+  },
+
   async "one object's medium is edited, in the link, and undone"(home) {
     const page = await open(`${home}/#model=toy.prt&material.Left=cream`);
     await mode(page, "mesh");

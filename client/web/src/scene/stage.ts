@@ -41,6 +41,7 @@ import {
 } from "./environment";
 import { cornersOf, rowsAt, type Mesh, type Part } from "./geometry";
 import { lookOf, MapTextures, type Images } from "./surface-maps";
+import { Thickness } from "./thickness";
 import { VertexColors, type VertexTexture } from "./vertex-colors";
 import {
   backgroundFragment,
@@ -149,6 +150,9 @@ export class Stage {
   private hasColors = false;
   private skyCube: Cube | null = null;
   private wantsPlain = true;
+  private readonly thickness = new Thickness();
+  private thickestMm = 0; // > 0: thickness is drawn in place of light
+  private far = 1; // from the eye to its target
   private dirty = false;
   private scheduled = false;
   private fence: WebGLSync | null = null;
@@ -247,6 +251,8 @@ export class Stage {
       this.parts.push(drawn);
       this.scene.add(drawn);
     }
+    const translucent = this.parts.filter((_, i) => !mesh.parts[i]?.opaque);
+    this.thickness.setParts(translucent.map(({ geometry }) => geometry));
     this.applyMedia();
   }
 
@@ -345,6 +351,12 @@ export class Stage {
     this.redraw();
   }
 
+  /** Thickness in place of light, brightest at this many mm; 0: light. */
+  showThickness(mostMm: number): void {
+    this.thickestMm = mostMm;
+    this.redraw();
+  }
+
   setLook(look: Look): void {
     this.value("exposure", 2 ** look.exposure);
     this.value("curve", look.tone);
@@ -405,6 +417,7 @@ export class Stage {
     camera.updateMatrixWorld(true);
     camera.updateProjectionMatrix();
     this.value("eye", eye);
+    this.far = distance;
     const turnOnly = camera.matrixWorld.clone().setPosition(0, 0, 0);
     const u = this.sky.uniforms;
     if (u.unproject)
@@ -470,8 +483,27 @@ export class Stage {
     renderer.setRenderTarget(target);
     renderer.clear();
     renderer.render(this.backdrop, new Camera());
-    if (model && this.hasColors && this.mesh) renderer.render(this.scene, this.camera);
+    if (model && this.mesh && this.thickestMm) this.drawThickness(target, this.mesh);
+    else if (model && this.hasColors && this.mesh) renderer.render(this.scene, this.camera);
     renderer.setRenderTarget(null);
+  }
+
+  private drawThickness(target: WebGLRenderTarget | null, mesh: Mesh): void {
+    const { renderer, camera, far } = this;
+    const { width, height } = target ?? this.canvas;
+    const view = { camera, eye: camera.position, far, mmPerUnit: mesh.mmPerUnit };
+    this.thickness.draw(renderer, target, { width, height }, view, this.thickestMm);
+  }
+
+  /** Thickness in mm along each line of sight, bottom row first; NaN beside the model. */
+  readThickness(width: number, height: number): Float32Array {
+    const { mesh } = this;
+    if (!mesh) return new Float32Array(0);
+    const target = new WebGLRenderTarget(width, height);
+    this.drawThickness(target, mesh);
+    this.renderer.setRenderTarget(null);
+    target.dispose();
+    return this.thickness.read(this.renderer);
   }
 
   /** Linear radiance of the picture as it is now, float RGBA, bottom row first, each pixel the mean
@@ -510,6 +542,7 @@ export class Stage {
 
   dispose(): void {
     this.setMesh(null);
+    this.thickness.dispose();
     this.sky.dispose();
     this.lobes.dispose();
     this.colors.dispose();

@@ -166,6 +166,7 @@ export class Viewer {
       this.outgoing.length ? this.outgoing : [{ eta, roughness, divisor, viewSlope: 0 }],
       { transmission: total, reflection: total, look: state.term !== "irradiance" },
     );
+    stage.showThickness(state.heat === "thickness" ? this.thickestMm : 0);
     stage.setLook({
       exposure: state.exposure,
       tone: TONES.indexOf(state.tone),
@@ -180,6 +181,10 @@ export class Viewer {
   /** The mesh that is drawn here; null: the daemon draws, or nothing is shown. */
   get shape(): Mesh | null {
     return this.mesh;
+  }
+  /** The thickness that is drawn brightest: half of the model's diagonal. */
+  get thickestMm(): number {
+    return this.frame && this.mesh ? this.frame.radius * this.mesh.mmPerUnit : 0;
   }
   /** What the camera frames; null: it is not known yet. */
   get framed(): Frame | null {

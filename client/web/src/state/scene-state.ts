@@ -15,6 +15,7 @@ export interface LampState {
 }
 export type Term = "total" | "multiple" | "single" | "irradiance";
 export const TERMS: readonly Term[] = ["total", "multiple", "single", "irradiance"];
+export type Heat = "thickness";
 export type Tone = "filmic" | "reinhard" | "none";
 export const TONES: readonly Tone[] = ["filmic", "reinhard", "none"];
 /** "environment", or linear RGB. */
@@ -40,6 +41,8 @@ export interface SceneState {
   /** Presets or JSON by object, a glTF material or node. */
   materials: Readonly<Record<string, string>>;
   term: Term;
+  /** A quantity in place of light. */
+  heat?: Heat;
   /** EV. */
   exposure: number;
   tone: Tone;

@@ -80,6 +80,7 @@ export function toFragment(scene: SceneState): string {
   for (const [object, text] of Object.entries(scene.materials))
     out.set(MATERIAL_OF + object, text);
   if (scene.term !== FIRST.term) out.set("term", scene.term);
+  if (scene.heat) out.set("heat", scene.heat);
   if (scene.exposure) out.set("ev", String(round(scene.exposure)));
   if (scene.tone !== FIRST.tone) out.set("tone", scene.tone);
   if (scene.background === "environment") out.set("background", "environment");
@@ -113,6 +114,7 @@ export function fromFragment(fragment: string): SceneState {
     material: (words.get("material") ?? "").slice(0, 8000),
     materials: materialsFrom(words),
     term: word(words.get("term"), TERMS, FIRST.term),
+    ...(words.get("heat") === "thickness" ? { heat: "thickness" as const } : {}),
     exposure: number(words.get("ev"), 0, -16, 16),
     tone: word(words.get("tone"), TONES, FIRST.tone),
     background:

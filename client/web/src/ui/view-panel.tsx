@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 // View: exposure, tone curve, background, the part of the light that is shown, pictures to keep.
-import { TERMS, TONES, type Term, type Tone } from "../state/scene-state";
+import { TERMS, TONES, type Heat, type Term, type Tone } from "../state/scene-state";
 import { ComparePanel } from "./compare";
 import { Choice, Icon, Section, Slider } from "./controls";
-import { change, commit, resetOrbit, scene, screenshot, set } from "./store";
+import { change, commit, resetOrbit, scene, screenshot, set, status, viewer } from "./store";
 import type { Vec3 } from "../scene/camera";
 
 const TERM_NAMES: Record<Term, string> = {
@@ -24,8 +24,25 @@ const BACKGROUNDS: { value: string; label: string; background: "environment" | V
   { value: "environment", label: "Environment", background: "environment" },
 ];
 
+function show(value: Term | Heat): void {
+  const { heat, ...rest } = scene.value;
+  scene.value = value === "thickness" ? { ...rest, heat: value } : { ...rest, term: value };
+  if (heat !== scene.value.heat || rest.term !== scene.value.term) commit();
+}
+function thicknessText(): string {
+  const most = viewer?.thickestMm ?? 0;
+  const error = status.value.errorBound;
+  return (
+    `How much of each line of sight is inside the model: blue 0, yellow ${most.toPrecision(2)} mm ` +
+    "and more; red where the surface is open. " +
+    (error
+      ? `The bake errs by ${(100 * error).toPrecision(2)} % on the whole; its error at each vertex is not known.`
+      : "The error of what is shown is not known.")
+  );
+}
+
 export function ViewPanel() {
-  const { exposure, tone, term, background } = scene.value;
+  const { exposure, tone, term, background, heat } = scene.value;
   const shown =
     BACKGROUNDS.find((one) => JSON.stringify(one.background) === JSON.stringify(background))
       ?.value ?? "";
@@ -62,15 +79,24 @@ export function ViewPanel() {
       <Section title="Light that is shown">
         <Choice
           label="Term"
-          value={term}
-          options={TERMS.map((value) => ({ value, label: TERM_NAMES[value] }))}
-          onChange={(value) => set({ term: value })}
+          value={heat ?? term}
+          options={[
+            ...TERMS.map((value) => ({ value, label: TERM_NAMES[value] })),
+            ...(status.value.mode === "mesh" || heat
+              ? [{ value: "thickness" as const, label: "Thickness" }]
+              : []),
+          ]}
+          onChange={(value) => show(value)}
         />
         <p class="hint">
-          {term === "total" && "Scattered light and reflections, as a camera sees them."}
-          {term === "multiple" && "Light that scattered many times in the medium."}
-          {term === "single" && "Light that scattered once."}
-          {term === "irradiance" &&
+          {heat && thicknessText()}
+          {!heat &&
+            term === "total" &&
+            "Scattered light and reflections, as a camera sees them."}
+          {!heat && term === "multiple" && "Light that scattered many times in the medium."}
+          {!heat && term === "single" && "Light that scattered once."}
+          {!heat &&
+            term === "irradiance" &&
             "Light that arrives at the surface; it is traced and takes seconds."}
         </p>
       </Section>
