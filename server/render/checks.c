@@ -109,7 +109,8 @@ static int check_baked(const struct render *r, char error[300])
         snprintf(error, 300, "maps are for pictures by image-space engines");
         return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
     }
-    if (r->bakes && s->term == RELIGHT__TERM__TERM_SINGLE) {
+    if (r->bakes && s->term == RELIGHT__TERM__TERM_SINGLE &&
+        !(r->model->facts.error_single > 0)) {
         snprintf(error, 300, "%.100s still bakes, and its draft has no single scattering",
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_NOT_READY;

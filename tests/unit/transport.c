@@ -395,7 +395,7 @@ static void forged_headers_are_refused(void **state)
     X(tensors_none, "0 tensors", t->n_tensor = 0)                                    \
     X(tensors_past, "5 tensors", t->n_tensor = 5)                                    \
     X(engine, "unknown engine 3", t->engine = PRT_TRANSPORT_JOINT + 1)               \
-    X(term, "unknown kind of transport", A->term = PRT_TERM_VIEW + 1)         \
+    X(term, "unknown kind of transport", A->term = PRT_TERM_VIEW + 1)                \
     X(storage, "unknown kind of transport", A->storage = PRT_STORAGE_RADIAL + 1)     \
     X(coupling, "unknown kind of transport", A->coupling = PRT_COUPLE_FULL + 1)      \
     X(phases, "unknown kind of transport", A->n_phase = 3)                           \
