@@ -171,8 +171,8 @@ static double single_bytes(const struct demand *d, double functions)
     return cells + rays;
 }
 
-// A thread's arrays of a free medium's walks in a cluster: answers and smoothing matrices of all
-// media of the grid, hits, and the work on one level.
+// A thread's arrays of a free medium's walks in a cluster: answers and smoothing matrices of
+// all media of the grid, hits, and the work on one level.
 static double free_walk_bytes(const struct demand *d)
 {
     struct prt_walk_grid grid;
