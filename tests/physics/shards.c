@@ -258,9 +258,9 @@ static void parted_and_killed_walks(void **state)
     killed_makes_the_whole(o, 2);
 }
 
-// Contract of prt_bake: shards of a joint bake by walks write its bytes, although every part
-// finds its functions by itself.
-static void parted_free_walks(void **state)
+// Contract of prt_bake: the same for joint transport by walks, whose functions every part finds
+// by itself.
+static void parted_and_killed_free_walks(void **state)
 {
     struct prt_bake_options o = options(PRT_TRANSPORT_JOINT, PRT_STORAGE_FACTORED);
     o.scattering = PRT_SCATTERING_WALK;
@@ -268,6 +268,7 @@ static void parted_free_walks(void **state)
     o.no_single = true;
     o.unmeasured = true;
     parts_make_the_whole(o);
+    killed_makes_the_whole(o, 6);
 }
 
 // Contract of prt_bake: the same for joint transport.
@@ -363,7 +364,7 @@ int main(void)
         cmocka_unit_test(wrong_parts_are_refused),
         cmocka_unit_test(killed_wavelet),
         cmocka_unit_test(parted_and_killed_walks),
-        cmocka_unit_test(parted_free_walks),
+        cmocka_unit_test(parted_and_killed_free_walks),
         cmocka_unit_test(killed_joint),
         cmocka_unit_test(killed_polynomial_and_part),
         cmocka_unit_test(checkpoints_that_do_not_help),
