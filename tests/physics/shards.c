@@ -258,19 +258,6 @@ static void parted_and_killed_walks(void **state)
     killed_makes_the_whole(o, 2);
 }
 
-// Contract of prt_bake: the same for joint transport by walks, whose functions every part finds
-// by itself.
-static void parted_and_killed_free_walks(void **state)
-{
-    struct prt_bake_options o = options(PRT_TRANSPORT_JOINT, PRT_STORAGE_FACTORED);
-    o.scattering = PRT_SCATTERING_WALK;
-    o.n_walk = 16;
-    o.no_single = true;
-    o.unmeasured = true;
-    parts_make_the_whole(o);
-    killed_makes_the_whole(o, 6);
-}
-
 // Contract of prt_bake: the same for joint transport.
 static void killed_joint(void **state)
 {
@@ -364,7 +351,6 @@ int main(void)
         cmocka_unit_test(wrong_parts_are_refused),
         cmocka_unit_test(killed_wavelet),
         cmocka_unit_test(parted_and_killed_walks),
-        cmocka_unit_test(parted_and_killed_free_walks),
         cmocka_unit_test(killed_joint),
         cmocka_unit_test(killed_polynomial_and_part),
         cmocka_unit_test(checkpoints_that_do_not_help),
