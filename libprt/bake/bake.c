@@ -6,6 +6,7 @@
 #include "bake/run.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
+#include "bake/spill.h"
 #include "bake/walks.h"
 
 #include "prt/bake_limits.h"
@@ -239,6 +240,8 @@ static int prepare(struct bake *b)
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
         if (!b->factored || !b->rays_single) status = PRT_NOMEM;
+        uint64_t spill = prt_bake_spill_bytes(b->ctx, mesh, &b->o);
+        if (!status && spill) b->spill = prt_spill_create(b->ctx, spill);
     }
     prt_work_end_all(&b->work, WORK_SAMPLES, started);
     return status;
@@ -329,7 +332,11 @@ int prt_bake_take_rows(const struct tensor_job *job, uint32_t c,
     struct bake *b = job->bake;
     if (!b->sparse) {
         struct factor_plan plan = plan_of(job, c);
-        return prt_factor_cluster(b->ctx, &plan, source, &b->factored[c]);
+        int done = prt_factor_cluster(b->ctx, &plan, source, &b->factored[c]);
+        if (!done)
+            prt_spill_factored(b->spill, &b->factored[c], job->n_function,
+                               b->directions->n_coef);
+        return done;
     }
     uint32_t n = source->n_vertex, n_coef = b->directions->n_coef;
     uint32_t n_function = job->n_function;
@@ -459,6 +466,7 @@ static void drop_factored(struct bake *b)
 {
     for (uint32_t c = 0; b->factored && c < b->clusters->n_cluster; c++)
         prt_factored_finish(&b->factored[c]);
+    prt_spill_clear(b->spill);
 }
 
 // The most bytes of a tensor: W05's 128 coefficients a vertex (640 bytes with their indices),
@@ -705,6 +713,7 @@ static void release(struct bake *b)
     for (uint32_t t = 0; t < b->out.n_tensor; t++) prt_tensor_finish(&b->out.tensor[t]);
     if (b->clusters) drop_factored(b);
     free(b->factored);
+    prt_spill_destroy(b->spill);
     free(b->rays_single);
     prt_half_rows_finish(&b->irradiance);
     prt_clusters_destroy(b->clusters);

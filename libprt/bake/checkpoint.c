@@ -2,6 +2,7 @@
 // The checkpoint file of a bake: one record is appended for each piece of finished work; a
 // later process reads the records and skips that work.
 #include "bake/checkpoint.h"
+#include "bake/spill.h"
 #include "bake/walks.h"
 
 #include "prt/bake.h"
@@ -242,6 +243,8 @@ static bool recall(struct bake *b, const struct slot *slot, uint32_t c)
     bool ok = prt_cluster_room(b, slot, &p->record, view, &n) &&
               prt_record_read(&p->record, k->fd, p->at, view, n);
     if (ok && b->walk) memcpy(b->walk->noise[c], p->record.noise, sizeof p->record.noise);
+    if (ok && slot->kind == SLOT_FACTORED)
+        prt_spill_factored(b->spill, &b->factored[c], slot->n_function, b->directions->n_coef);
     if (ok) b->rays_single[c] = p->record.rays;
     else if (slot->kind == SLOT_FACTORED) prt_factored_finish(&b->factored[c]);
     else

@@ -70,6 +70,7 @@ size_t prt_bake_rows_room(const struct prt_bake_options *options)
 struct demand {
     const struct bake *b;
     double vertices, triangles, threads, samples, nodes, coef, area;
+    bool spill;                 // rows of factored clusters are on disk
     uint32_t n_cluster, widest; // clusters of vertices, vertices of the largest
     double ranks;               // columns of U that all clusters hold while they are factored
 };
@@ -147,7 +148,7 @@ static double factor_bytes(const struct demand *d, double functions, double trai
 static double factors(const struct demand *d, double functions, bool every_medium)
 {
     double wide = every_medium ? fmin(functions, MAX_COMPONENTS) : functions;
-    double a_column = (2 * wide + 4) * d->coef + 4 * d->widest;
+    double a_column = ((d->spill ? 0 : 2 * wide) + 4) * d->coef + 4 * d->widest;
     if (every_medium) a_column += (wide + 6) * functions * 4;
     return d->ranks * a_column;
 }
@@ -269,8 +270,9 @@ static double model_bytes(const struct prt_mesh *mesh)
     return mesh->n_vertex * 150.0 + mesh->n_triangle * 350.0;
 }
 
-int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                    const struct prt_bake_options *options, uint64_t *bytes)
+// spill: the bake keeps the rows of factored clusters on disk.
+static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                    const struct prt_bake_options *options, bool spill, uint64_t *bytes)
 {
     struct prt_context quiet = ctx ? *ctx : (struct prt_context){0};
     struct bake b = {.ctx = &quiet, .mesh = mesh, .o = *options};
@@ -281,6 +283,7 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     if ((status = prt_bake_dipoles(&b))) return status;
     quiet.log = prt_bake_drop_line;
     struct demand d = {.b = &b,
+                       .spill = spill,
                        .vertices = mesh->n_vertex,
                        .triangles = mesh->n_triangle,
                        .threads = prt_pool_size(ctx ? ctx->pool : NULL),
@@ -308,4 +311,23 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     *bytes = (uint64_t)(MARGIN * all);
     prt_free(b.dipole);
     return PRT_OK;
+}
+
+int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                    const struct prt_bake_options *options, uint64_t *bytes)
+{
+    int status = estimate(ctx, mesh, options, false, bytes);
+    if (status || !options->memory || *bytes <= options->memory) return status;
+    return estimate(ctx, mesh, options, true, bytes);
+}
+
+uint64_t prt_bake_spill_bytes(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                              const struct prt_bake_options *options)
+{
+    uint64_t all = 0, rest = 0;
+    if (!options->memory || estimate(ctx, mesh, options, false, &all) ||
+        all <= options->memory || estimate(ctx, mesh, options, true, &rest) || rest >= all)
+        return 0;
+    return 2 * (all - rest) +
+           (UINT64_C(1) << 30); // a sparse file: what is not used costs nothing
 }

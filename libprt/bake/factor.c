@@ -234,7 +234,7 @@ int prt_factor_cluster(const struct prt_context *ctx, const struct factor_plan *
 void prt_factored_finish(struct factored *f)
 {
     prt_free(f->u);
-    prt_free(f->b);
+    if (!f->spilled_bytes) prt_free(f->b);
     prt_free(f->scale);
     prt_free(f->energy);
     prt_free(f->component);

@@ -188,30 +188,30 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_c
     if (prt_mul_overflow(n_row, n_coef * 2, &bytes)) return PRT_NOMEM;
     int fd = -1;
     if (bytes > room) {
-        const char *dir = getenv("TMPDIR");
-        char path[512];
-        snprintf(path, sizeof path, "%s/prt-bake-XXXXXX", dir && *dir ? dir : "/var/tmp");
-        fd = mkstemp(path);
-        if (fd < 0 || ftruncate(fd, (off_t)bytes)) {
-            if (fd >= 0) close(fd);
+        fd = prt_temporary_file(bytes);
+        if (fd < 0)
             return prt_fail(ctx, PRT_IO,
                             "no room for %zu MB of irradiance transport: use fewer --samples "
                             "or a smaller --cube, or point TMPDIR to a larger disk",
                             bytes >> 20);
-        }
-        unlink(path);
         prt_log(ctx, PRT_LOG_NOTE, "irradiance transport (%zu MB) is kept on disk",
                 bytes >> 20);
     }
     void *map = mmap(NULL, bytes, PROT_READ | PROT_WRITE,
                      fd < 0 ? MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE : MAP_SHARED, fd, 0);
-    if (fd >= 0) close(fd);
+    const bool on_disk = fd >= 0;
+    if (on_disk) close(fd);
     if (map == MAP_FAILED)
         return prt_fail(ctx, PRT_NOMEM, "no memory for %zu MB of irradiance transport",
                         bytes >> 20);
     madvise(map, bytes, MADV_HUGEPAGE);
-    *out = (struct half_rows){n_row, n_coef, bytes, map};
+    *out = (struct half_rows){n_row, n_coef, bytes, map, on_disk};
     return PRT_OK;
+}
+
+void prt_half_rows_rest(const struct half_rows *rows)
+{
+    if (rows->on_disk) madvise(rows->half, rows->bytes, MADV_DONTNEED); // the file has them
 }
 
 void prt_half_rows_finish(struct half_rows *rows)
@@ -287,6 +287,7 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     atomic_fetch_add(&p->rays, rays);
     prt_free(row);
     prt_free(open);
+    if (begin / 64 % 64 == 0) prt_half_rows_rest(p->rows);
     prt_work_end(p->from.work, WORK_IRRADIANCE, started, cast, 0);
     return PRT_OK;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Chooses the basis vectors and coefficients that a factored tensor keeps, and lays it out.
-#include "bake/stages.h"
+#include "bake/spill.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -132,6 +132,7 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
         c->bytes[i] = 0;
         if (c->low_rank) {
             low_rank_choice(c, i, room);
+            prt_spill_rest(f);
             continue;
         }
         if (c->options->n_basis_coef) status = fixed_choice(c, i);
@@ -346,6 +347,7 @@ static int write_range(void *arg, size_t begin, size_t end, unsigned worker)
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
             at = write_row(c, i, r, 64 * most, rows, row, value);
         }
+        prt_spill_rest(f);
     }
     prt_free(value);
     return status;

@@ -23,6 +23,7 @@ struct bake {
     struct radial_set *radial;     // [media.n] R_d of each medium; wavelet
     struct single_plan *single;    // [media.n], which share one horizon; NULL: not planned
     struct factored *factored;     // [n_cluster] of the tensor at hand
+    struct spill *spill;           // has their rows; NULL: memory has them
     struct sparse_builder *sparse; // of the tensor at hand; NULL: factored storage
     struct prt_transport out;
     uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]
@@ -55,6 +56,10 @@ uint32_t prt_bake_rank(const struct prt_bake_options *options, bool every_medium
                        uint32_t n_cluster);
 /* The most bytes of a packed tensor. */
 double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase);
+/* Bytes of disk for rows of factored clusters that find no place in options.memory; 0: they
+ * have it. */
+uint64_t prt_bake_spill_bytes(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                              const struct prt_bake_options *options);
 /* Rows of pass 1 that take more bytes are kept on disk. */
 size_t prt_bake_rows_room(const struct prt_bake_options *options);
 /* Probes of the range finder. A material: 2.7 times the columns of U; chosen, not measured. A

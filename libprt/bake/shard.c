@@ -3,6 +3,7 @@
 // own cluster: the cluster's factors, sparse rows or radial columns before packing. The
 // assembled file therefore equals, byte for byte, the file of a bake in one process.
 #include "bake/shard.h"
+#include "bake/spill.h"
 #include "bake/walks.h"
 
 #include "bake/checkpoint.h"
@@ -245,6 +246,8 @@ static int read_cluster(struct bake *b, const struct slot *slot, uint32_t c)
     if (!prt_cluster_room(b, slot, &p->record, view, &n) ||
         !prt_record_read(&p->record, p->fd, p->at, view, n))
         return damaged(b, c);
+    if (slot->kind == SLOT_FACTORED)
+        prt_spill_factored(b->spill, &b->factored[c], slot->n_function, b->directions->n_coef);
     b->rays_single[c] = p->record.rays;
     if (b->walk) memcpy(b->walk->noise[c], p->record.noise, sizeof p->record.noise);
     return PRT_OK;

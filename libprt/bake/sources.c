@@ -26,6 +26,7 @@ static int lit_range(void *arg, size_t begin, size_t end, unsigned worker)
     cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1, e,
                 (int)n_coef, job->lit->light, (int)m, 0, job->lit->value + begin * m, (int)m);
     prt_free(e);
+    if (begin / BLOCK % 16 == 0) prt_half_rows_rest(rows);
     prt_work_end(job->work, WORK_LIT_ROWS, started, 0,
                  2 * (double)n * (double)n_coef * (double)m);
     return PRT_OK;
@@ -130,6 +131,7 @@ int prt_product_weigh(const struct product_rows *p, const float *q, uint32_t n, 
                     1, q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
     }
     prt_free(e);
+    prt_half_rows_rest(p->rows);
     prt_work_count(p->work, WORK_PROJECTION, 0, 2.0 * n * (double)C * n_coef);
     return PRT_OK;
 }

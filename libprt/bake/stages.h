@@ -80,12 +80,18 @@ uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct direct
 struct half_rows {
     size_t n_row, n_coef, bytes;
     uint16_t *half;
+    bool on_disk;
 };
+/* An unlinked file of `bytes` in TMPDIR, else /var/tmp; -1: errno. */
+int prt_temporary_file(uint64_t bytes);
+/* Rows that are on disk are not read for a while: they need not stay in memory. */
+void prt_half_rows_rest(const struct half_rows *rows);
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
                          size_t room, struct half_rows *out);
 void prt_half_rows_finish(struct half_rows *rows);
 
 struct checkpoint;  /* checkpoint.h */
+struct spill;       /* spill.h */
 struct ray_store;   /* ray_store.h */
 struct work_meters; /* work.h */
 
@@ -219,6 +225,7 @@ struct factored {
     float *limit;            /* [rank] the energy above which it keeps a coefficient, */
     uint32_t *count;         /* [rank] and the number of these */
     double *tail;            /* [rank+1] energy that remains when only the first r are kept */
+    uint64_t spilled_bytes;  /* of b, which lies in a file (spill.h); 0: it is memory */
 };
 /* A source of a cluster's rows T[f][v][texel] (mean over the texel, solid angle not applied).
  *   multiply(X [n_coef][m]) -> [f][n_vertex][m]

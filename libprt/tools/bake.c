@@ -261,12 +261,13 @@ static int report_part(const struct options *o, double seconds, uint32_t missing
     return EXIT_DONE;
 }
 
-// Has the bake make do with what is free, or with --memory when that is less.
+// Has the bake make do with --memory, at most with what is free, or with half of that.
 static uint64_t usable_memory(const struct options *o)
 {
     uint64_t page = (uint64_t)sysconf(_SC_PAGESIZE);
     uint64_t free_bytes = (uint64_t)sysconf(_SC_AVPHYS_PAGES) * page;
-    return o->memory && o->memory < free_bytes ? o->memory : free_bytes;
+    if (!o->memory) return free_bytes / 2;
+    return o->memory < free_bytes ? o->memory : free_bytes;
 }
 
 // Memory of a sanitizer beside the bake's own: its shadow memory and its quarantine of freed

@@ -225,8 +225,9 @@ const struct option_row option_table[] = {
     {"progress-fd", 0, "FD", OPTION_FD, AT(progress_fd), 0, 0, NULL, BAKE | COLORS | IMAGE,
      "write progress to this file descriptor, as lines \"stage fraction eta-seconds\""},
     {"memory", 0, "BYTES", OPTION_WHOLE, AT(memory), 0, 1e15, NULL, BAKE,
-     "fail when the bake needs more memory than this; 0: more than the estimate for the settings, "
-     "or more than the machine has"},
+     "make do with this much, rows in unlinked files of TMPDIR (/var/tmp) where needed, and fail "
+     "when that does not suffice; 0: the estimate for the settings. Without it a bake makes do with "
+     "half of what is free"},
     {"estimate", 0, NULL, OPTION_FLAG, AT(estimate), 0, 0, NULL, BAKE,
      "print the estimated memory of the bake in bytes, and do not bake"},
     {"accept-weak-sandbox", 0, NULL, OPTION_FLAG, AT(accept_weak_sandbox), 0, 0, NULL, EVERY,

@@ -330,6 +330,28 @@ static void checkpoints_that_do_not_help(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Contract of options.memory: a bake that has no room for its rows keeps them in files, and
+// writes the same bytes.
+static void little_memory(void **state)
+{
+    struct prt_mesh *mesh = scene();
+    const enum prt_transport_kind engine[] = {PRT_TRANSPORT_WAVELET, PRT_TRANSPORT_JOINT};
+    for (int i = 0; i < 2; i++) {
+        struct prt_bake_options o = options(engine[i], PRT_STORAGE_FACTORED);
+        uint64_t all, less;
+        o.draft = true;
+        assert_int_equal(prt_bake(&context, mesh, &o, file("whole.prt")), PRT_OK);
+        assert_int_equal(prt_bake_memory(&context, mesh, &o, &all), PRT_OK);
+        o.memory = 1 << 20;
+        assert_int_equal(prt_bake(&context, mesh, &o, file("parts.prt")), PRT_OK);
+        assert_int_equal(prt_bake_memory(&context, mesh, &o, &less), PRT_OK);
+        same_bytes(file("whole.prt"), file("parts.prt"));
+        expect_below("memory with rows in files, of all", (double)less / (double)all, 1);
+    }
+    unlink(file("parts.prt"));
+    prt_mesh_destroy(mesh);
+}
+
 // Killed bakes leave temporary files.
 static int clean_up(void **state)
 {
@@ -354,6 +376,7 @@ int main(void)
         cmocka_unit_test(killed_joint),
         cmocka_unit_test(killed_polynomial_and_part),
         cmocka_unit_test(checkpoints_that_do_not_help),
+        cmocka_unit_test(little_memory),
     };
     int failed = run_physics_tests(tests, NULL, clean_up);
     prt_pool_destroy(context.pool);

@@ -92,8 +92,10 @@ struct prt_bake_options {
      * costs a warning and its rays. */
     const char *cache;
     uint64_t cache_room;
-    uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them
-                      * are kept on disk; 0: the memory that is free */
+    uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them,
+                      * and rows of factored clusters where the bake needs more than all of
+                      * them, are kept in unlinked files in TMPDIR, else /var/tmp; the result
+                      * is the same. 0: the memory that is free, and factored rows stay */
     struct prt_bake_profile *profile; /* out, or NULL: filled when the bake succeeds, which
                                        * then takes a second longer */
     const char *settings_json;        /* JSON recorded as "source" of the settings, or NULL */
@@ -109,7 +111,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
 
 /* The most memory that a process which does such a bake with the threads of ctx->pool is
  * expected to hold [bytes], its program and libraries included: 1.0 to 1.6 times what was
- * measured. Rows of pass 1 that are kept on disk (`memory`) are not counted. PRT_ARG for
+ * measured. Rows that are kept on disk (`memory`) are not counted. PRT_ARG for
  * settings out of bounds; PRT_NOMEM. Thread-safe. */
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes);
