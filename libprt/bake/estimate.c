@@ -32,6 +32,7 @@ enum { TRAIN_REFLECTANCE = 28, TRAIN_EXTINCTION = 10 };
 static const double PROGRAM = 48e6; // code and data of the program and its libraries
 static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
 static const double MARGIN = 1.1;
+enum { EXIT_SUPPORTS = 3000, EXIT_LIGHT = 6 * 8 * 8 }; // of view.c
 
 int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {
@@ -247,6 +248,8 @@ static double stages(struct demand *d, double rows)
                          (single_bytes(d, single) + factor_bytes(d, single, train, probes, 0)),
                      packed(d, PRT_TERM_SINGLE, single));
     }
+    if (o->exit_planes && !o->draft)
+        third += EXIT_SUPPORTS * 9 * basis_size(d, true) * EXIT_LIGHT * 2;
     if (o->no_single || (!prt_bake_any_single(d->b) && !joint)) third = 0;
     return fmax(first, lights + fmax(second, third));
 }

@@ -11,12 +11,9 @@ static const uint32_t draft_supports = 2500, draft_rank = 16; // chosen
 
 bool prt_bake_has_view(const struct bake *b)
 {
-    const enum prt_exit_planes when = b->o.exit_planes;
-    return !b->o.no_single && !b->o.draft && b->surface && prt_bake_any_single(b) &&
-           b->o.storage == PRT_STORAGE_FACTORED &&
-           (b->o.engine == PRT_TRANSPORT_WAVELET
-                ? when != PRT_EXIT_PLANES_NEVER
-                : b->o.engine == PRT_TRANSPORT_JOINT && when == PRT_EXIT_PLANES_ALWAYS);
+    return b->o.exit_planes && !b->o.no_single && !b->o.draft && b->surface &&
+           prt_bake_any_single(b) && b->o.storage == PRT_STORAGE_FACTORED &&
+           b->o.engine != PRT_TRANSPORT_POLYNOMIAL;
 }
 
 int prt_bake_view(struct bake *b, const struct extinction_table *extinction,

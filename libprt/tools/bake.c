@@ -49,12 +49,6 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
     return EXIT_DONE;
 }
 
-static enum prt_exit_planes exit_planes_of(const char *word)
-{
-    if (!word || !strcmp(word, "auto")) return PRT_EXIT_PLANES_AUTO;
-    return !strcmp(word, "always") ? PRT_EXIT_PLANES_ALWAYS : PRT_EXIT_PLANES_NEVER;
-}
-
 static struct prt_bake_options bake_options(const struct options *o,
                                             enum prt_transport_kind engine)
 {
@@ -70,7 +64,7 @@ static struct prt_bake_options bake_options(const struct options *o,
         .n_phase = (uint32_t)o->phase_terms,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
-        .exit_planes = exit_planes_of(o->exit_planes),
+        .exit_planes = o->exit_planes,
         .draft = o->draft,
         .scattering = o->scattering && !strcmp(o->scattering, "walk") ? PRT_SCATTERING_WALK
                                                                       : PRT_SCATTERING_DIPOLE,

@@ -42,7 +42,7 @@ struct options {
     const char *input[MAX_INPUT];
     unsigned n_input;
     const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *animation,
-        *variant, *cpu, *scattering, *exit, *exit_planes;
+        *variant, *cpu, *scattering, *exit;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *cache, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
@@ -64,8 +64,8 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, profile, draft, no_single, every_ray, straight, full_float, measure_error,
-        no_textures, floor;
+    bool json, quiet, profile, draft, no_single, exit_planes, every_ray, straight, full_float,
+        measure_error, no_textures, floor;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after

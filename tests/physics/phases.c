@@ -218,8 +218,7 @@ static void a_baked_file_agrees_with_the_reference(void **state)
                                            .n_sample = 2000,
                                            .cube = 16,
                                            .n_phase = 9,
-                                           .exit_planes = view ? PRT_EXIT_PLANES_AUTO
-                                                               : PRT_EXIT_PLANES_NEVER,
+                                           .exit_planes = view,
                                            .seed = 1};
         double error[3], uncorrected[3];
         reference(mesh, o.media.medium, &light, n_term, false, want);

@@ -19,9 +19,6 @@ enum { PRT_BAKE_VERSION = 2 };
  * assume no shape (METHODS §9): `multiple` is then light of two scatterings or more, and the
  * file has unscattered light besides. An object of whose walks more than a tenth escape
  * through holes is baked with the dipole, with a warning. */
-/* Which bakes have planes of exit (METHODS §3.6), which answers with an eye add. AUTO: those of
- * a fixed medium, whose other answers stay within 2 % of them. */
-enum prt_exit_planes { PRT_EXIT_PLANES_AUTO, PRT_EXIT_PLANES_ALWAYS, PRT_EXIT_PLANES_NEVER };
 enum prt_scattering { PRT_SCATTERING_DIPOLE, PRT_SCATTERING_WALK };
 
 /* Where the time of a bake went: one entry for each kind of work that was done. */
@@ -59,7 +56,7 @@ struct prt_bake_options {
                         * isotropic medium, else 4 */
     uint32_t n_single; /* single-scattering points a vertex of every_ray; 0: 16 */
     bool no_single;    /* leaves single scattering out */
-    enum prt_exit_planes exit_planes;
+    bool exit_planes; /* planes that correct single scattering towards an eye (METHODS §3.6) */
     bool every_ray;   /* single scattering with a ray for every texel and point, for
                        * measurements */
     double max_error; /* relative RMSE of the storage; 0: 0.01 */
