@@ -2,6 +2,7 @@
 // relight room: what people do in a review room.
 #include "room.h"
 
+#include "common/room_name.h"
 #include "frame.h"
 
 #include <stdio.h>
@@ -438,35 +439,9 @@ static int unknown_verb(const struct options *o)
     return report_usage(o, "%s: expected one of %s", o->target, all);
 }
 
-// A room by its id, the unique beginning of one (4 digits), or its name.
 static int find_room(struct room_call *c, const char *text)
 {
-    char *json;
-    unsigned n = 0;
-    if (strlen(text) == RELIGHT_ROOM - 1 &&
-        strspn(text, "0123456789abcdef") == RELIGHT_ROOM - 1) {
-        strcpy(c->room, text);
-        return EXIT_DONE;
-    }
-    if (relight_room_list(c->client, &json, &c->error)) return room_failed(c);
-    cJSON *all = cJSON_Parse(json), *room;
-    free(json);
-    cJSON_ArrayForEach(room, list_of(all, "rooms"))
-    {
-        const char *id = text_of(room, "room");
-        bool begins = strlen(text) >= 4 && !strncmp(id, text, strlen(text));
-        if (!begins && strcmp(text_of(room, "name"), text)) continue;
-        snprintf(c->room, sizeof c->room, "%s", id);
-        n++;
-    }
-    cJSON_Delete(all);
-    if (n == 1) return EXIT_DONE;
-    c->error = (struct relight_error){.code = n ? RELIGHT_E_MISMATCH : RELIGHT_E_NOT_FOUND};
-    snprintf(c->error.text, sizeof c->error.text,
-             n ? "%.100s: %u rooms are called so: give the room's id"
-               : "%.100s: no such room: `relight room list` has yours",
-             text, n);
-    return room_failed(c);
+    return room_of_word(c->client, text, c->room, &c->error) ? room_failed(c) : EXIT_DONE;
 }
 
 int run_room(struct relight_client *client, struct options *options)

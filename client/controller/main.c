@@ -2,6 +2,8 @@
 // relight-control: USB controllers turn the light of a view or a review room.
 #include "control.h"
 
+#include "common/room_name.h"
+
 #include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -91,43 +93,18 @@ void show_connected(struct control *control, bool connected)
 
 // ---- the target
 
-// Finds the room that a word names: its id, the beginning of one, or its name.
-static bool find_room(const cJSON *rooms, const char *word, char out[RELIGHT_ROOM], unsigned *n)
-{
-    const cJSON *room;
-    *n = 0;
-    cJSON_ArrayForEach(room, cJSON_GetObjectItemCaseSensitive(rooms, "rooms"))
-    {
-        const cJSON *id = cJSON_GetObjectItemCaseSensitive(room, "room");
-        const cJSON *name = cJSON_GetObjectItemCaseSensitive(room, "name");
-        if (!cJSON_IsString(id)) continue;
-        bool begins = strlen(word) >= 4 && !strncmp(id->valuestring, word, strlen(word));
-        bool called = cJSON_IsString(name) && !strcmp(name->valuestring, word);
-        if (!begins && !called) continue;
-        snprintf(out, RELIGHT_ROOM, "%s", id->valuestring);
-        ++*n;
-    }
-    return *n > 0;
-}
-
 static struct destination *open_target(struct control *c, int *status)
 {
     const char *word = c->options.target;
-    char room[RELIGHT_ROOM], *json;
-    unsigned n;
+    char room[RELIGHT_ROOM];
     struct relight_error error;
-    if (relight_room_list(c->client, &json, &error)) {
+    int found = room_of_word(c->client, word, room, &error);
+    if (!found) return open_room(c, room, status);
+    if (found != -RELIGHT_E_NOT_FOUND) {
         *status = report(&error);
         return NULL;
     }
-    cJSON *rooms = cJSON_Parse(json);
-    free(json);
-    bool found = find_room(rooms, word, room, &n);
-    cJSON_Delete(rooms);
     *status = EXIT_USAGE;
-    if (n > 1) say("%s: %u rooms are called so: give the room's id", word, n);
-    if (n > 1) return NULL;
-    if (found) return open_room(c, room, status);
     if (c->options.output && c->options.n_env) return open_view(c, status);
     say("%s: no room of this name; a view of a model needs --env ENV and -o FILE", word);
     return NULL;
