@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // relight-preview: draws pictures of a daemon's model locally: stills, turntables, contact
 // sheets.
-#include "preview.h"
+#include "follow.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,6 +30,7 @@ int main(int argc, char **argv)
                                   .token = getenv("RELIGHT_TOKEN"),
                                   .timeout_s = options.timeout_s};
     if (relight_connect(options.server, &how, &scene.client, &error)) return report(&error);
+    if (options.follow) return follow_room(scene.client, &options);
     int status = EXIT_DONE;
     if (prt_pool_create(0, &scene.ctx.pool)) {
         fprintf(stderr, "relight-preview: threads could not be started\n");

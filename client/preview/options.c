@@ -13,7 +13,7 @@
 
 const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
-enum { KEY_NO_TEXTURES = 256, KEY_TRY, KEY_DIFFERENCE, KEY_FPS };
+enum { KEY_NO_TEXTURES = 256, KEY_TRY, KEY_DIFFERENCE, KEY_FPS, KEY_FOLLOW };
 static const struct argp_option table[] = {
     {"server", 's', "ADDR", 0,
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH (default as for relight)", 0},
@@ -34,6 +34,10 @@ static const struct argp_option table[] = {
     {"difference", KEY_DIFFERENCE, NULL, 0,
      "of two pictures (two --env or two --try) the map of CIEDE2000, black 0 to white 10, as "
      ".png, and its numbers",
+     0},
+    {"follow", KEY_FOLLOW, "ROOM", 0,
+     "in place of ID and --env: a picture of this review room's scene now and after every change, "
+     "drawn by the daemon, until --frames or Ctrl-C; FILE-0001 and so on, or a film",
      0},
     {"fps", KEY_FPS, "RATE", 0, "frames a second of a film (default 25)", 0},
     {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},
@@ -196,6 +200,21 @@ static void check_output(struct argp_state *state, const struct options *o)
         argp_error(state, "--difference: -o FILE has to end in .png, with a background");
 }
 
+// What is drawn comes from the room, or from ID and --env.
+static void check_follow(struct argp_state *state, const struct options *o)
+{
+    if (!o->follow && !o->model) argp_error(state, "ID is missing");
+    if (!o->follow && !o->n_env) argp_error(state, "--env is missing");
+    if (!o->follow) return;
+    if (o->model || o->n_env || o->n_material || o->n_try || o->camera_name ||
+        o->orbit.zoom > 0 || !o->camera.automatic)
+        argp_error(state, "--follow: the room has the model, its lights, materials and camera");
+    if (o->sheet || o->difference || o->turn_light)
+        argp_error(state, "--follow: no --sheet, --difference or --turn");
+    const char *dot = o->output ? strrchr(o->output, '.') : NULL;
+    if (dot && !strcmp(dot, ".hdr")) argp_error(state, "--follow: the daemon writes no .hdr");
+}
+
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
@@ -240,6 +259,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case KEY_DIFFERENCE:
         o->difference = true;
         break;
+    case KEY_FOLLOW:
+        o->follow = arg;
+        break;
     case KEY_FPS:
         o->fps = option_number(state, "fps", arg, 0.1, 240);
         break;
@@ -251,8 +273,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->model = arg;
         break;
     case ARGP_KEY_END:
-        if (!o->model) argp_error(state, "ID is missing");
-        if (!o->n_env) argp_error(state, "--env is missing");
+        check_follow(state, o);
+        if (!o->follow && !o->n_frame) o->n_frame = 1;
         check_output(state, o);
         break;
     default:
@@ -263,8 +285,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 
 void options_parse(int argc, char **argv, struct options *options)
 {
-    *options = (struct options){.n_frame = 1,
-                                .width = 800,
+    *options = (struct options){.width = 800,
                                 .height = 600,
                                 .samples = 4,
                                 .gap = 4,
@@ -276,7 +297,7 @@ void options_parse(int argc, char **argv, struct options *options)
     static const struct argp how = {
         table,
         parse,
-        "ID",
+        "ID\n--follow=ROOM",
         "Draws pictures of a model with colours from a relightd daemon.\v"
         "The daemon sends geometry and colours; this program draws the pictures. It sends the "
         "token of $RELIGHT_TOKEN to a daemon that requires one.\n\n"
@@ -289,7 +310,8 @@ void options_parse(int argc, char **argv, struct options *options)
         "--sheet -o sheet.png\n"
         "  relight-preview bunny --env studio.exr --try marble --try skin1 --difference -o "
         "difference.png\n"
-        "  relight-preview bunny --env studio.exr --frames 100 --turn light -o turn.mp4\n\n"
+        "  relight-preview bunny --env studio.exr --frames 100 --turn light -o turn.mp4\n"
+        "  relight-preview --follow 'Bunny, first review' -o review.webm\n\n"
         "Exit status: 0 done, 1 failed, 2 wrong usage, 3 server unreachable.",
         NULL,
         NULL,

@@ -12,13 +12,15 @@ enum { MAX_ENV = 16, MAX_TRY = 32 };
 
 struct options {
     const char *server, *model, *output;
+    const char *follow;                  /* --follow: a room, in place of model and env; NULL */
     const char *material[PRT_MEDIA_MAX]; /* [OBJECT=]NAME|FILE */
     unsigned n_material, n_try;
     const char *attempt[MAX_TRY]; /* --try: each gives a column, in place of frames */
     const char *env[MAX_ENV];
     size_t n_env;
     double rotate_deg, timeout_s;
-    uint32_t n_frame, width, height, samples, gap;
+    uint32_t n_frame; /* --follow: 0, no limit */
+    uint32_t width, height, samples, gap;
     double fps;
     bool difference; /* of two pictures, in place of them */
     bool turn_light, sheet, json, no_specular, plain, no_textures, transparent;

@@ -1,0 +1,106 @@
+#!/bin/bash
+# SPDX-License-Identifier: MIT
+# relight-preview --follow against a live daemon: a picture of a room now and after each change, an
+# undo and a hand that is not at rest among them; each is the daemon's own picture of the scene.
+#   follow.sh BIN ROOM_HAND
+set -u
+export LC_ALL=C USER=ann
+bin=${1:?the folder of the programs} hand=${2:?the program room_hand}
+dir=$(mktemp -d)
+cd "$dir" || exit 1
+daemon='' preview=''
+finish() {
+    for p in $daemon $preview; do kill "$p" 2>/dev/null; done
+    wait
+    rm -rf "$dir"
+}
+trap finish EXIT
+fail() {
+    echo "FAIL: $*"
+    tail -n 6 out err log followed errors errors.hand 2>/dev/null | sed 's/^/    /'
+    exit 1
+}
+relight() {
+    timeout 300 "$bin/relight" -s "unix:$dir/s" "$@" >out 2>err </dev/null || fail "relight $*"
+}
+# followed N: N pictures were written.
+followed() {
+    for _ in $(seq ${TRIES:-6000}); do
+        [ "$(wc -l <followed)" -ge "$1" ] && return
+        kill -0 "$preview" 2>/dev/null || fail "relight-preview ended before picture $1"
+        sleep 0.05
+    done
+    fail "picture $1 does not come"
+}
+follow() {
+    : >followed
+    "$bin/relight-preview" -s "unix:$dir/s" --size 96x64 --follow "$@" >followed 2>errors </dev/null &
+    preview=$!
+}
+same() { cmp "$1" "$2" || fail "$1 is not $2"; }
+
+printf 'v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n' >small.obj
+printf 'f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n' >>small.obj
+: >log
+"$bin/relightd" --data "$dir/data" --models "$dir" --listen "unix:$dir/s" 2>>log &
+daemon=$!
+for _ in $(seq 1200); do
+    grep -q ' start version' log && break
+    sleep 0.05
+done
+relight load small.obj --remote --size-mm 20 --material marble --wait --samples 1000
+relight room create 'First review' --model small --env constant:1,1,1 --exposure 1 --size 96x64
+relight room show 'First review' -o first.png
+
+# ---- now, a change, its undo
+follow 'First review' -o live.png --frames 3
+followed 1
+same live-0001.png first.png
+relight room scene 'First review' --env constant:1,0.5,0.2 --camera 0,0,5:0,0,0
+relight room show 'First review' -o second.png
+followed 2
+same live-0002.png second.png
+relight room undo 'First review'
+wait "$preview" || fail "status $?: $(cat errors)"
+same live-0003.png first.png
+cmp -s first.png second.png && fail "the two scenes look alike"
+
+# ---- a hand, and a cursor, which changes no picture; an end by a signal
+room=$("$bin/relight" -s "unix:$dir/s" room list --json | grep -o '"room": *"[0-9a-f]*"' | grep -o '[0-9a-f]\{32\}')
+follow "${room:0:8}" -o hand.png --json
+followed 1
+mkfifo says
+"$hand" "unix:$dir/s" "$room" <says 2>errors.hand &
+exec 7>says
+echo '{"name":"Hand","cursor":{"triangle":1}}' >&7
+echo '{"name":"Hand","hand":{"lights":[{"env":"constant:1,0.5,0.2"}],"camera":{"eye":{"x":0,"y":0,"z":5},"target":{"x":0,"y":0,"z":0}}},"hand_parts":["lights","camera"]}' >&7
+followed 2
+same hand-0002.png second.png
+exec 7>&- # the hand is gone, and the scene as it was
+followed 3
+same hand-0003.png first.png
+kill -TERM "$preview"
+wait "$preview" || fail "status $? after SIGTERM: $(cat errors)"
+[ "$(wc -l <followed)" = 3 ] || fail "a cursor makes pictures: $(cat followed)"
+[ ! -s errors.hand ] || fail "$(cat errors.hand)"
+
+# ---- a film; wrong words
+# Frames on their way to ffmpeg, counted by a program of its name.
+mkdir fake
+printf '#!/bin/sh\nexec wc -c >counted\n' >fake/ffmpeg
+chmod +x fake/ffmpeg
+PATH=$dir/fake:$PATH follow 'First review' -o live.mp4 --frames 1
+wait "$preview" || fail "status $?: $(cat errors)"
+[ "$(cat counted)" = $((96 * 64 * 3)) ] || fail "a film of $(cat counted) bytes"
+wrong() { # STATUS TEXT ARGUMENTS...
+    local want=$1 text=$2
+    shift 2
+    timeout 100 "$bin/relight-preview" -s "unix:$dir/s" "$@" >out 2>err </dev/null
+    [ $? = "$want" ] && grep -q -- "$text" err || fail "not $want with \"$text\": relight-preview $*"
+}
+wrong 1 'no such room' --follow nowhere -o x.png
+wrong 2 'the room has the model' --follow 'First review' --env constant -o x.png
+wrong 2 'no --sheet' --follow 'First review' --sheet -o x.png
+wrong 2 'writes no .hdr' --follow 'First review' -o x.hdr
+wrong 2 'ID is missing' -o x.png
+preview=
