@@ -409,6 +409,41 @@ static int measure_missing_single(struct examination *e, cJSON *to)
     return status;
 }
 
+// Error of the sums at each vertex: the root mean square over the lights, relative to the
+// references' over all vertices. Its mean square is the mean square of "together".
+static double error_at(const struct examination *e, unsigned n_light, uint32_t i,
+                       const double bright[MEASURE_LIGHTS])
+{
+    double sum = 0;
+    for (unsigned l = 0; l < n_light; l++) {
+        const float *got = e->sum_got[l][i];
+        const float *a = e->sum_want[0][l][i], *b = e->sum_want[1][l][i];
+        double square = 0;
+        for (int c = 0; c < 3; c++)
+            square += ((double)got[c] - (double)a[c]) * ((double)got[c] - (double)b[c]);
+        if (bright[l] > 0) sum += fmax(square, 0) / bright[l] / n_light;
+    }
+    return sqrt(sum);
+}
+
+// Where the errors are: vertices and the error at each.
+static void add_places(const struct examination *e, unsigned n_light, cJSON *to)
+{
+    double bright[MEASURE_LIGHTS] = {0};
+    cJSON *vertex = cJSON_AddArrayToObject(to, "vertex");
+    cJSON *error = cJSON_AddArrayToObject(to, "error");
+    for (unsigned l = 0; l < n_light; l++)
+        for (size_t i = 0; i < (size_t)e->n * 3; i++)
+            bright[l] +=
+                (double)e->sum_want[0][l][0][i] * (double)e->sum_want[1][l][0][i] / e->n;
+    for (uint32_t i = 0; i < e->n; i++) {
+        char text[32];
+        snprintf(text, sizeof text, "%.5f", error_at(e, n_light, i, bright));
+        cJSON_AddItemToArray(vertex, cJSON_CreateNumber(e->vertex[i]));
+        cJSON_AddItemToArray(error, cJSON_CreateRaw(text));
+    }
+}
+
 static bool all_profiles(const struct prt_media *media)
 {
     bool all = true;
@@ -449,6 +484,8 @@ static int measure_terms(struct examination *e, char **errors)
         status = measure_views(e, cJSON_AddObjectToObject(json, "single_toward_eyes"));
     if (status == PRT_OK && e->o->draft && !single && !unscattered && !all_profiles(&t->media))
         status = measure_missing_single(e, cJSON_AddObjectToObject(json, "total"));
+    if (status == PRT_OK)
+        add_places(e, own ? 1 : MEASURE_LIGHTS, cJSON_AddObjectToObject(json, "places"));
     if (status == PRT_OK && !(*errors = cJSON_PrintUnformatted(json))) status = PRT_NOMEM;
     cJSON_Delete(json);
     return status;

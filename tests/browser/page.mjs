@@ -465,6 +465,57 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "the bake's errors are drawn where they were measured"(home) {
+    const page = await open(`${home}/#model=marble.prt&orbit=30,20,1`);
+    await mode(page, "mesh");
+    await settled(page);
+    await page.getByRole("tab", { name: "View" }).click();
+    await page.getByRole("radio", { name: "Error" }).click();
+    await page.getByText(/Measured at \d+ vertices/).waitFor(PATIENCE);
+    assert.match(page.url(), /heat=error/);
+    await settled(page);
+    await shot(page, "error");
+    const found = await page.evaluate(() => {
+      const { stage, shape, errorPlaces, mostError } = globalThis.relightViewer;
+      const [w, h] = [800, 600];
+      const picture = stage.readLinear(w, h);
+      const { camera } = stage;
+      const m = camera.matrixWorldInverse.elements;
+      const p = camera.projectionMatrix.elements;
+      const [low, middle, high] = [
+        [0.1, 0.06, 0.33],
+        [0.13, 0.57, 0.55],
+        [0.99, 0.91, 0.14],
+      ];
+      const mix = (a, b, x) => a.map((v, i) => v + (b[i] - v) * x);
+      const heat = (x) => (x < 0.5 ? mix(low, middle, 2 * x) : mix(middle, high, 2 * x - 1));
+      const turned = (v, at) =>
+        [0, 1, 2].map((i) => m[i] * v[0] + m[4 + i] * v[1] + m[8 + i] * v[2] + at * m[12 + i]);
+      return errorPlaces.vertex.flatMap((v, k) => {
+        const seen = turned(shape.positions.subarray(3 * v, 3 * v + 3), 1);
+        const n = turned(shape.normals.subarray(3 * v, 3 * v + 3), 0);
+        const facing =
+          -(n[0] * seen[0] + n[1] * seen[1] + n[2] * seen[2]) /
+          Math.hypot(...n) /
+          Math.hypot(...seen);
+        if (facing < 0.4) return [];
+        const x = Math.floor(((-p[0] * seen[0]) / seen[2] / 2 + 0.5) * w);
+        const y = Math.floor(((-p[5] * seen[1]) / seen[2] / 2 + 0.5) * h);
+        const want = heat(errorPlaces.error[k] / mostError).map(
+          (c) => c * (0.55 + 0.45 * facing),
+        );
+        return [Math.max(...want.map((c, i) => Math.abs(c - picture[4 * (y * w + x) + i])))];
+      });
+    });
+    assert.ok(found.length > 20, `${found.length} places`);
+    const off = found.filter((far) => far > 0.06).length;
+    assert.ok(off < 0.1 * found.length, `${off} of ${found.length} places have another colour`);
+    await page.getByRole("radio", { name: "All" }).click();
+    await settled(page);
+    assert.ok(!page.url().includes("heat="));
+    await page.context().close();
+  },
+
   async "one object's medium is edited, in the link, and undone"(home) {
     const page = await open(`${home}/#model=toy.prt&material.Left=cream`);
     await mode(page, "mesh");

@@ -13,6 +13,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include <cjson/cJSON.h>
+
 #include "bodies.h"
 #include "expect.h"
 #include "prt/bake.h"
@@ -614,9 +616,45 @@ static void imported_media_return_their_albedo(void **state)
     assert_int_equal(prt_material_check(&context, &m), PRT_OK);
 }
 
+static double item(const cJSON *object, const char *name)
+{
+    return cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(object, name));
+}
+
+// Law: the mean square of the errors at the measured vertices is that of the errors under the
+// lights, of all terms together.
+static void places_of_errors(void **state)
+{
+    static const char *const lights[] = {"sky", "boxes", "sun"};
+    struct prt_file *f = open_prt("wavelet.prt");
+    const struct prt_transport *t = prt_file_transport(f);
+    cJSON *errors = cJSON_Parse(t->errors);
+    const cJSON *places = cJSON_GetObjectItemCaseSensitive(errors, "places"), *e;
+    const cJSON *terms = cJSON_GetObjectItemCaseSensitive(errors, "together");
+    const cJSON *vertex = cJSON_GetObjectItemCaseSensitive(places, "vertex");
+    const cJSON *error = cJSON_GetObjectItemCaseSensitive(places, "error");
+    const int n = cJSON_GetArraySize(vertex);
+    double sum = 0, all = 0;
+    if (!terms) terms = cJSON_GetObjectItemCaseSensitive(errors, "multiple");
+    assert_int_equal(n, (int)item(errors, "vertices"));
+    assert_int_equal(n, cJSON_GetArraySize(error));
+    assert_true(n > 0);
+    cJSON_ArrayForEach(e, error) sum += e->valuedouble * e->valuedouble / n;
+    cJSON_ArrayForEach(e, vertex)
+    {
+        assert_in_range((int)e->valuedouble, 0, t->mesh.n_vertex - 1);
+    }
+    for (int l = 0; l < 3; l++) all += item(terms, lights[l]) * item(terms, lights[l]) / 3;
+    expect_near("errors at vertices against those under lights (RMS)", sqrt(sum), sqrt(all),
+                0.005 * sqrt(all) + 1e-5);
+    cJSON_Delete(errors);
+    prt_file_close(f);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(places_of_errors),
         cmocka_unit_test(opaque_receivers),
         cmocka_unit_test(profiles_in_dipole_bakes),
         cmocka_unit_test(own_profile_is_exact),

@@ -41,6 +41,7 @@ import {
 } from "./environment";
 import { cornersOf, rowsAt, type Mesh, type Part } from "./geometry";
 import { lookOf, MapTextures, type Images } from "./surface-maps";
+import { ErrorMap, type ErrorPlaces } from "./error-map";
 import { Thickness } from "./thickness";
 import { VertexColors, type VertexTexture } from "./vertex-colors";
 import {
@@ -151,6 +152,8 @@ export class Stage {
   private skyCube: Cube | null = null;
   private wantsPlain = true;
   private readonly thickness = new Thickness();
+  private readonly errorMap = new ErrorMap();
+  private places: ErrorPlaces | null = null; // else the bake's errors are
   private thickestMm = 0; // > 0: thickness is drawn in place of light
   private far = 1; // from the eye to its target
   private dirty = false;
@@ -217,6 +220,7 @@ export class Stage {
     this.mesh = mesh;
     this.hasColors = false;
     this.media = [];
+    this.places = null;
     if (mesh) this.setMaps(new Map());
     this.redraw();
   }
@@ -253,6 +257,8 @@ export class Stage {
     }
     const translucent = this.parts.filter((_, i) => !mesh.parts[i]?.opaque);
     this.thickness.setParts(translucent.map(({ geometry }) => geometry));
+    this.errorMap.setParts(translucent.map(({ geometry }) => geometry));
+    if (this.places) this.errorMap.setErrors(this.places, mesh.positions);
     this.applyMedia();
   }
 
@@ -354,6 +360,15 @@ export class Stage {
   /** Thickness in place of light, brightest at this many mm; 0: light. */
   showThickness(mostMm: number): void {
     this.thickestMm = mostMm;
+    this.redraw();
+  }
+
+  /** The bake's errors in place of light, brightest at `most`; null: light. */
+  showErrors(places: ErrorPlaces | null, most: number): void {
+    this.errorMap.setMost(most);
+    if (places && places !== this.places && this.mesh)
+      this.errorMap.setErrors(places, this.mesh.positions);
+    this.places = this.mesh && places;
     this.redraw();
   }
 
@@ -484,6 +499,7 @@ export class Stage {
     renderer.clear();
     renderer.render(this.backdrop, new Camera());
     if (model && this.mesh && this.thickestMm) this.drawThickness(target, this.mesh);
+    else if (model && this.places && this.mesh) this.errorMap.draw(renderer, this.camera);
     else if (model && this.hasColors && this.mesh) renderer.render(this.scene, this.camera);
     renderer.setRenderTarget(null);
   }
@@ -543,6 +559,7 @@ export class Stage {
   dispose(): void {
     this.setMesh(null);
     this.thickness.dispose();
+    this.errorMap.dispose();
     this.sky.dispose();
     this.lobes.dispose();
     this.colors.dispose();

@@ -46,19 +46,24 @@ const screenVertex = /* glsl */ `
 precision highp float;
 in vec3 position;
 void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
-// Dark blue over green to yellow; red: the surface is open there, and the sum says nothing.
+/** Dark blue over green to yellow: the colour of a share in [0, 1]. */
+export const HEAT = /* glsl */ `
+vec3 heat(float share) {
+  float x = clamp(share, 0.0, 1.0);
+  vec3 low = vec3(0.10, 0.06, 0.33), middle = vec3(0.13, 0.57, 0.55), high = vec3(0.99, 0.91, 0.14);
+  return x < 0.5 ? mix(low, middle, 2.0 * x) : mix(middle, high, 2.0 * x - 1.0);
+}`;
+// Red: the surface is open there, and the sum says nothing.
 const screenFragment = /* glsl */ `
 precision highp float;
 uniform sampler2D sums;
 uniform float most;
 out vec4 color;
+${HEAT}
 void main() {
   vec4 s = texelFetch(sums, ivec2(gl_FragCoord.xy), 0);
   if (s.z < 0.5) discard;
-  float x = clamp(s.x / most, 0.0, 1.0);
-  vec3 low = vec3(0.10, 0.06, 0.33), middle = vec3(0.13, 0.57, 0.55), high = vec3(0.99, 0.91, 0.14);
-  vec3 c = x < 0.5 ? mix(low, middle, 2.0 * x) : mix(middle, high, 2.0 * x - 1.0);
-  color = vec4(abs(s.y) > 0.5 ? vec3(0.8, 0.1, 0.1) : c, 1.0);
+  color = vec4(abs(s.y) > 0.5 ? vec3(0.8, 0.1, 0.1) : heat(s.x / most), 1.0);
 }`;
 
 export class Thickness {

@@ -26,6 +26,7 @@ import {
   type ViewFrame,
 } from "../gen/relight_pb";
 import type { Client } from "../protocol/client";
+import { placesOf, type ErrorPlaces } from "./error-map";
 import { RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { meanTransmittance, parseMedium, surfaceOf } from "../state/material";
@@ -99,6 +100,12 @@ export class Viewer {
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
   private mesh: Mesh | null = null;
+  private placesOf: { info: ModelInfo | null; mesh: Mesh | null; places: ErrorPlaces | null } =
+    {
+      info: null,
+      mesh: null,
+      places: null,
+    };
   private maps = 0; // meshes whose maps are on the way
   private factors: Factors | null = null; // null: colours come as they are
   private frame: Frame | null = null;
@@ -167,6 +174,7 @@ export class Viewer {
       { transmission: total, reflection: total, look: state.term !== "irradiance" },
     );
     stage.showThickness(state.heat === "thickness" ? this.thickestMm : 0);
+    stage.showErrors(state.heat === "error" ? this.errorPlaces : null, this.mostError);
     stage.setLook({
       exposure: state.exposure,
       tone: TONES.indexOf(state.tone),
@@ -185,6 +193,19 @@ export class Viewer {
   /** The thickness that is drawn brightest: half of the model's diagonal. */
   get thickestMm(): number {
     return this.frame && this.mesh ? this.frame.radius * this.mesh.mmPerUnit : 0;
+  }
+  /** Where the bake errs; null: nobody measured it. */
+  get errorPlaces(): ErrorPlaces | null {
+    const { info, mesh } = this;
+    if (info !== this.placesOf.info || mesh !== this.placesOf.mesh) {
+      const places = info && mesh ? placesOf(info.errors, mesh.nVertex) : null;
+      this.placesOf = { info, mesh, places };
+    }
+    return this.placesOf.places;
+  }
+  /** The error that is drawn brightest: the largest that was measured. */
+  get mostError(): number {
+    return this.errorPlaces?.error.reduce((a, b) => Math.max(a, b), 0) ?? 0;
   }
   /** What the camera frames; null: it is not known yet. */
   get framed(): Frame | null {

@@ -15,7 +15,8 @@ export interface LampState {
 }
 export type Term = "total" | "multiple" | "single" | "irradiance";
 export const TERMS: readonly Term[] = ["total", "multiple", "single", "irradiance"];
-export type Heat = "thickness";
+export type Heat = "thickness" | "error";
+export const HEATS: readonly Heat[] = ["thickness", "error"];
 export type Tone = "filmic" | "reinhard" | "none";
 export const TONES: readonly Tone[] = ["filmic", "reinhard", "none"];
 /** "environment", or linear RGB. */

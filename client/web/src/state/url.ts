@@ -3,6 +3,7 @@
 // defaults, so that a link of another version still opens.
 import { clampOrbit, START, type Vec3 } from "../scene/camera";
 import {
+  HEATS,
   COMPARE_MODES,
   FIRST,
   FIRST_LAMP,
@@ -72,6 +73,11 @@ function comparisonFrom(mode: string | null, other: string | null): Comparison |
   };
 }
 
+function heatFrom(text: string | null): Pick<SceneState, "heat"> {
+  const heat = HEATS.find((one) => one === text);
+  return heat ? { heat } : {};
+}
+
 export function toFragment(scene: SceneState): string {
   const out = new URLSearchParams();
   if (scene.model) out.set("model", scene.model);
@@ -114,7 +120,7 @@ export function fromFragment(fragment: string): SceneState {
     material: (words.get("material") ?? "").slice(0, 8000),
     materials: materialsFrom(words),
     term: word(words.get("term"), TERMS, FIRST.term),
-    ...(words.get("heat") === "thickness" ? { heat: "thickness" as const } : {}),
+    ...heatFrom(words.get("heat")),
     exposure: number(words.get("ev"), 0, -16, 16),
     tone: word(words.get("tone"), TONES, FIRST.tone),
     background:

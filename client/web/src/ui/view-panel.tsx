@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // View: exposure, tone curve, background, the part of the light that is shown, pictures to keep.
-import { TERMS, TONES, type Heat, type Term, type Tone } from "../state/scene-state";
+import { HEATS, TERMS, TONES, type Heat, type Term, type Tone } from "../state/scene-state";
 import { ComparePanel } from "./compare";
 import { Choice, Icon, Section, Slider } from "./controls";
 import { change, commit, resetOrbit, scene, screenshot, set, status, viewer } from "./store";
@@ -12,6 +12,7 @@ const TERM_NAMES: Record<Term, string> = {
   single: "Single",
   irradiance: "Irradiance",
 };
+const HEAT_NAMES: Record<Heat, string> = { thickness: "Thickness", error: "Error" };
 const TONE_NAMES: Record<Tone, string> = {
   filmic: "Filmic",
   reinhard: "Reinhard",
@@ -26,18 +27,26 @@ const BACKGROUNDS: { value: string; label: string; background: "environment" | V
 
 function show(value: Term | Heat): void {
   const { heat, ...rest } = scene.value;
-  scene.value = value === "thickness" ? { ...rest, heat: value } : { ...rest, term: value };
+  const heats = HEATS.find((one) => one === value);
+  scene.value = heats ? { ...rest, heat: heats } : { ...rest, term: value as Term };
   if (heat !== scene.value.heat || rest.term !== scene.value.term) commit();
 }
 function thicknessText(): string {
   const most = viewer?.thickestMm ?? 0;
-  const error = status.value.errorBound;
   return (
     `How much of each line of sight is inside the model: blue 0, yellow ${most.toPrecision(2)} mm ` +
-    "and more; red where the surface is open. " +
-    (error
-      ? `The bake errs by ${(100 * error).toPrecision(2)} % on the whole; its error at each vertex is not known.`
-      : "The error of what is shown is not known.")
+    "and more; red where the surface is open."
+  );
+}
+function errorText(): string {
+  const places = viewer?.errorPlaces;
+  if (!places)
+    return "Nobody measured where this model's light errs: it has no bake, or one of an older version.";
+  const percent = (100 * (viewer?.mostError ?? 0)).toPrecision(2);
+  return (
+    `How far the bake is from the exact sum: blue 0, yellow ${percent} % of the model's mean ` +
+    `brightness. Measured at ${places.vertex.length} vertices under an even sky, three soft boxes and a ` +
+    "small sun (the root mean square), interpolated between them."
   );
 }
 
@@ -83,13 +92,14 @@ export function ViewPanel() {
           options={[
             ...TERMS.map((value) => ({ value, label: TERM_NAMES[value] })),
             ...(status.value.mode === "mesh" || heat
-              ? [{ value: "thickness" as const, label: "Thickness" }]
+              ? HEATS.map((value) => ({ value, label: HEAT_NAMES[value] }))
               : []),
           ]}
           onChange={(value) => show(value)}
         />
         <p class="hint">
-          {heat && thicknessText()}
+          {heat === "thickness" && thicknessText()}
+          {heat === "error" && errorText()}
           {!heat &&
             term === "total" &&
             "Scattered light and reflections, as a camera sees them."}
