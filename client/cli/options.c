@@ -167,6 +167,9 @@ static const struct row {
      "factored: dense numbers a vertex and term (default: chosen from --max-error)"},
     {'H', "phase-terms", "1|4|9", WHOLE, AT(load.bake.phase_terms), 1, UINT32_MAX, NULL, 0,
      "spherical-harmonic terms of the phase function"},
+    {'9', "exit-planes", NULL, FLAG, AT(load.bake.exit_planes), 0, 0, NULL, 0,
+     "add nine planes that correct single scattering towards an eye; pages and relight-preview do "
+     "not draw them"},
     {'d', "seed", "N", SPECIAL, 0, 0, 0, NULL, 0, "seed of the bake's random numbers"},
     {'O', "opaque", "NAME", SPECIAL, 0, 0, 0, NULL, 0,
      "a material or node that is opaque; may repeat"},
@@ -273,7 +276,7 @@ const struct command commands[] = {
      "  relight load leaf.glb --size-mm 60 --material skin1 --scattering walk\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load sketch.glb --material marble --preview",
-     COMMON "DUm\22\11PRQLNCKAHdXOMpwZerV\177", true, run_load},
+     COMMON "DUm\22\11PRQLNCKAH9dXOMpwZerV\177", true, run_load},
     {"info", "ID",
      "Prints a model's geometry, bake and measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json",

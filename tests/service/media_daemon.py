@@ -240,6 +240,23 @@ def loads():
     expect('neither a preset' in said, said)
 
 
+def planes():
+    """LOAD with planes of exit: a picture is prt's with them, and not prt's without."""
+    own = ['--samples', '1500', '--cube', '16', '--transport', 'wavelet', *material('skin1')]
+    prt('bake', 'candle.gltf', *own, '--exit-planes', '-o', 'want.prt', '--quiet')
+    prt('bake', 'candle.gltf', *own, '-o', 'without.prt', '--quiet')
+    relight('load', 'candle.gltf', '--name', 'planes', *own, '--exit-planes', '--wait')
+    settings = json.loads(relight('info', 'planes', '--json').stdout)['settings']
+    expect(settings.get('exit_planes') == 9, 'settings: %s' % settings)
+    eye = [*LIT, '--eye', '60,40,150']
+    relight('colors', 'planes', *eye, '-o', 'got.csv')
+    prt('colors', 'want.prt', *eye, '-o', 'want.csv')
+    same('got.csv', 'want.csv', 1e-5)
+    prt('colors', 'without.prt', *eye, '-o', 'want.csv')
+    said = prt('compare', 'got.csv', 'want.csv', '--max-rmse', '0.002', status=1).said
+    expect('above' in said, said)
+
+
 def serve():
     os.mkdir('models')
     candle.write('candle.gltf')
@@ -260,6 +277,7 @@ def serve():
         refusals()
         views()
         loads()
+        planes()
 
 
 main(serve)

@@ -277,6 +277,7 @@ struct relight_bake {
     uint32_t walks;                     /* a vertex and channel, with WALK */
     uint32_t samples, cube, coeffs, rank, phase_terms, single_points;
     bool no_single;
+    bool exit_planes; /* planes that correct single scattering towards an eye */
     float max_error;
     uint64_t seed;
     const char *env; /* polynomial: the fixed light, as relight_light.env */
