@@ -64,7 +64,9 @@ void prt_bake_unscattered_paths(const struct bake *b, uint32_t cluster, uint32_t
                                 void *arg);
 /* The least extinction of a free medium [mm^-1]: paths end where it leaves little light. */
 #define PRT_LEAST_EXTINCTION 0.02f
-enum { PRT_UNSCATTERED_PATHS = 256 }; /* a vertex; chosen, not measured */
+/* A vertex. A dented ball in a clear medium (tests/physics/walk_bake.c) errs by 1.9 % with 256,
+ * 1.4 % with 512 and 1.3 % with 1024. */
+enum { PRT_UNSCATTERED_PATHS = 512 };
 /* The share of noise in the answers of all clusters, relative RMS; 0 without walks. */
 double prt_walks_noise(const struct bake *b);
 
