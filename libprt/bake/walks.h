@@ -56,8 +56,8 @@ int prt_walks_smooth(const struct bake *b, const float *like, const float *dipol
 int prt_bake_unscattered_range(void *tensor_job, size_t begin, size_t end, unsigned worker);
 int prt_bake_free_unscattered_range(void *tensor_job, size_t begin, size_t end,
                                     unsigned worker);
-/* What leaves of straight paths into one vertex of a cluster, for a sink as prt_walk_run's:
- * each exit's weight over pi and the number of paths is its share of the light. */
+/* Calls `sink` for each exit of straight paths from one vertex of a cluster, as prt_walk_run:
+ * an exit's weight over pi and the number of paths is its share of the light. */
 void prt_bake_unscattered_paths(const struct bake *b, uint32_t cluster, uint32_t vertex,
                                 float sigma_t,
                                 void (*sink)(void *arg, const struct prt_walk_exit *exit),

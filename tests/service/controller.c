@@ -278,7 +278,7 @@ static void mapping_file(void **state)
     expect_light("rotate_deg", NULL, -10, 1e-3);
     mock_report(device, pressed, sizeof pressed);
     expect_light("rotate_deg", NULL, 30, 1e-3);
-    // What was undone is where the next count begins.
+    // The next count begins at the value that undo brought back.
     const uint8_t one[4] = {2, 0, 0, 0};
     sleep_ms(200);
     mock_report(device, one, sizeof one);

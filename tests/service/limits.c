@@ -43,7 +43,7 @@ static long settled_kb(void)
     return kb;
 }
 
-// ---- the order of what is said of views
+// ---- the order of messages about views
 
 // Takes a worker some 0.1 s to work out; another text each time.
 static char *slow_material(void)
@@ -188,7 +188,7 @@ static void test_cancel_the_oldest_job(void **state)
     end();
 }
 
-// ---- what a client may hold
+// ---- bytes that a client holds
 
 static void add_watch(struct frames *f, uint64_t id, const char *job)
 {

@@ -557,7 +557,7 @@ static void test_earlier_data_folder(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// ---- what a LOAD may say
+// ---- LOAD requests that are refused
 
 static void test_bake_env_is_no_path(void **state)
 {

@@ -741,8 +741,8 @@ struct relight_colors_request {
     enum relight_priority priority;
     const char *pose;   /* of relight_put_pose; NULL: the model's vertices as they are */
     uint32_t most_rank; /* RELIGHT_COLOR_COEFFICIENTS: rows of each cluster, 0: all */
-    /* What depends on the view is sent apart: the phases behind the first of coefficients, and
-     * colours in parts (relight_colors.n_part) */
+    /* Parts that depend on the view are sent apart: of coefficients the phases behind the
+     * first, of colours the planes (relight_colors.n_part) */
     bool phases;
 };
 enum { RELIGHT_MOST_LAYERS = 4, RELIGHT_MOST_PHASES = 16, RELIGHT_MOST_RANK = 1 << 20 };
@@ -1150,7 +1150,7 @@ struct relight_medium {
     float mean_free_path_mm[3]; /* 1 / (sigma_s' + sigma_a) */
     float sigma_t[3];           /* [mm^-1] sigma_s' / (1 - g) + sigma_a */
     float g[3], eta, roughness;
-    size_t n_warning; /* what the conversion of a file lost */
+    size_t n_warning; /* one for each property of the file that the medium does not keep */
     const char *const *warning;
     void *owner;
 };

@@ -186,7 +186,7 @@ export class Viewer {
   get thickestMm(): number {
     return this.frame && this.mesh ? this.frame.radius * this.mesh.mmPerUnit : 0;
   }
-  /** What the camera frames; null: it is not known yet. */
+  /** The frame of the camera; null: it is not known yet. */
   get framed(): Frame | null {
     return this.frame;
   }
@@ -388,7 +388,7 @@ export class Viewer {
     this.sent = null;
   }
 
-  // ---- what the daemon computes
+  // ---- colours and pictures of the daemon
 
   private shade(state: SceneState) {
     const materials = Object.entries(state.materials).map(([object, material]) => ({
