@@ -100,6 +100,26 @@ static void second_material_casts_no_rays(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Contract of options.cache: a bake of every ray takes none of a draft, which casts one of four
+// where four agree, and writes the bytes that it writes without.
+static void drafts_have_rays_of_their_own(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("marble", PRT_TRANSPORT_WAVELET);
+    clear();
+    o.cube = 16;
+    o.no_single = o.unmeasured = true;
+    o.cache = cache;
+    assert_true(bake(mesh, o, file("draft.prt")) > 0);
+    o.draft = false;
+    o.cache = NULL;
+    bake(mesh, o, file("plain.prt"));
+    o.cache = cache;
+    bake(mesh, o, file("second.prt"));
+    same_bytes(file("plain.prt"), file("second.prt"));
+    prt_mesh_destroy(mesh);
+}
+
 // Contract of options.cache: whatever stands in the file, a bake writes its own bytes, with one
 // warning where something was wrong, and leaves a file that the next one can use.
 static void damage_costs_rays_alone(void **state)
@@ -230,6 +250,7 @@ int main(void)
     snprintf(cache, sizeof cache, "%s/cache", folder);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(second_material_casts_no_rays),
+        cmocka_unit_test(drafts_have_rays_of_their_own),
         cmocka_unit_test(damage_costs_rays_alone),
         cmocka_unit_test(killed_bake_leaves_nothing_half),
         cmocka_unit_test(folder_keeps_to_its_budget),
