@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // relight-control with scripted USB devices against a live relightd: turning them turns the
-// light of a room and of a view; devices that fail, lie or leave harm nothing.
+// light of a room and of a view; devices that fail, lie or leave harm nothing. Above 600 lines:
+// every case plugs in the same scripted devices.
 #include "lone_daemon.h"
 #include "usb_mock.h"
 #include "usb_reports.h"

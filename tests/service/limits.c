@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What a client may hold and say: frames in orders that no client library sends, requests,
-// views, bytes and answers beyond their limits, and text that is no text.
+// views, bytes and answers beyond their limits, and text that is no text. Above 600 lines: a
+// list of limits, each read alone.
 #include "frames.h"
 #include "lone_daemon.h"
 

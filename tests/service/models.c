@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The registry: files of --models and their copies, ids and names, who pays for files, and
 // which of them go when there is no room. Each test has a daemon and a data folder of its own;
-// the octahedron is baked once.
+// the octahedron is baked once. Above 600 lines: a list of scenarios, each read alone.
 #include "ask.h"
 
 #include <dirent.h>

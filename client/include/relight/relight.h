@@ -4,7 +4,8 @@
  *
  * Thread-safety: a relight_client is Safe: any number of threads may call any functions on it
  * at once, each waiting for its own answers; there is no hidden thread. Exceptions are named
- * below. Functions block unless their text says otherwise. SIGPIPE is never raised.
+ * below. Functions block unless their text says otherwise. SIGPIPE is never raised. Above 600
+ * lines: the one header of the library; two thirds of it are the contracts of its functions.
  *
  * Returns: 0, or a negative enum relight_code with `*error` (may be NULL) filled; outputs are
  * untouched then. Strings and arrays inside an output belong to it until its _finish call.
