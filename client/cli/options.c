@@ -535,17 +535,6 @@ static void take_token(struct argp_state *state, struct options *o, char *text)
     memset(text, 'x', strlen(text));
 }
 
-static void size(struct argp_state *state, struct options *o, const char *text)
-{
-    unsigned w, h;
-    int used = 0;
-    if (sscanf(text, "%ux%u%n", &w, &h, &used) != 2 || text[used] || w < 1 || h < 1 ||
-        w > 4096 || h > 4096 || strchr(text, '-'))
-        argp_error(state, "--size %s: expected WxH, each in [1, 4096]", text);
-    o->picture.width = w;
-    o->picture.height = h;
-}
-
 static void gain(struct argp_state *state, const struct row *row, const char *text,
                  float out[3])
 {
@@ -640,7 +629,7 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
         o->load.up_z = word(state, row, arg) == 1;
         return 0;
     case 'z':
-        size(state, o, arg);
+        option_size(state, arg, &o->picture.width, &o->picture.height);
         return 0;
     case 'B':
         if (!strcmp(arg, "transparent")) {

@@ -4,7 +4,9 @@
 #include "relight/relight.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 int exit_status(int code)
 {
@@ -29,4 +31,13 @@ double option_number(struct argp_state *state, const char *what, const char *tex
     if (end == text || *end || !isfinite(x) || x < min || x > max)
         argp_error(state, "--%s %s: expected a number in [%g, %g]", what, text, min, max);
     return x;
+}
+
+void option_size(struct argp_state *state, const char *text, uint32_t *width, uint32_t *height)
+{
+    enum { MOST = 4096 };
+    int used = 0;
+    if (sscanf(text, "%ux%u%n", width, height, &used) != 2 || text[used] || *width < 1 ||
+        *height < 1 || *width > MOST || *height > MOST || strchr(text, '-')) // %u takes -1
+        argp_error(state, "--size %s: expected WxH, each in [1, %d]", text, MOST);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* control.h declares what the files of relight-control share. */
+/* control.h declares the options, the destinations and the tasks of relight-control. */
 #ifndef RELIGHT_CONTROL_H
 #define RELIGHT_CONTROL_H
 
@@ -47,10 +47,11 @@ struct control {
 void say(const char *fmt, ...) __attribute__((format(printf, 1, 2)));
 /* Prints an error and returns its exit status. */
 int report(const struct relight_error *error);
-/* The destination got or lost its daemon: the devices' lights show it. Thread-safe. */
+/* Switches the devices' lights on or off as the destination gets or loses its daemon.
+ * Thread-safe. */
 void show_connected(struct control *control, bool connected);
 
-/* Where changes go. */
+/* The receiver of changes: a view of a model, or a room. */
 struct destination {
     motion_send_fn send; /* with the destination as user */
     void (*stop)(struct destination *destination);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// From controls to requests. A deflection is a speed. Devices that report it again and again
-// are integrated from report to report; for others the sender's thread wakes up while they are
-// deflected. While none is, nothing wakes up.
+// Turns movements of controls into requests. A deflection is a speed. The speed of a device
+// that repeats its reports is integrated from report to report; for other devices the sender's
+// thread wakes up while a control is deflected. Without a deflected control no thread wakes up.
 #include "motion.h"
 
 #include <math.h>
@@ -63,7 +63,7 @@ static void deflect(struct motion *m, struct bound *b, uint32_t i, const struct 
     double speed = mapping_curve(e, c->value) * e->scale;
     if (c->repeats) {
         double step = previous_ns ? (double)(now_ns - previous_ns) * 1e-9 : first_step_s;
-        if (step > most_step_s) step = first_step_s; // it stood still in between
+        if (step > most_step_s) step = first_step_s; // the control was at rest in between
         add(m, e->target, speed * step);
         return;
     }
@@ -192,12 +192,13 @@ static void note(struct motion *m, uint64_t n_report, uint64_t first_ns, bool he
     if (second != m->second) m->in_second = 0;
     m->second = second;
     if (++m->in_second > m->times.most_a_second) m->times.most_a_second = m->in_second;
-    // A request of the sender's own clock has no report; one that the limit held measures it.
+    // A request that the sender's clock began has no report, and the time of one that waited
+    // for the limit is the limit's.
     if (n_report && !held && m->n_time < MOST_TIMES)
         m->time_ms[m->n_time++] = (float)((double)(now - first_ns) * 1e-6);
 }
 
-// The lock is held, but not while sending.
+// The caller holds the lock, which is released while the change is sent.
 static void send_change(struct motion *m, bool held)
 {
     struct change change = m->change;

@@ -66,15 +66,6 @@ static void add_device(struct argp_state *state, struct options *o, const char *
     o->named[o->n_named++].product = (uint16_t)product;
 }
 
-static void size(struct argp_state *state, struct options *o, const char *text)
-{
-    uint32_t *w = &o->picture.width, *h = &o->picture.height;
-    int used = 0;
-    if (sscanf(text, "%ux%u%n", w, h, &used) != 2 || text[used] || *w < 1 || *h < 1 ||
-        *w > 4096 || *h > 4096)
-        argp_error(state, "--size %s: expected WxH, each in [1, 4096]", text);
-}
-
 static void orbit(struct argp_state *state, struct options *o, const char *text)
 {
     struct relight_error error;
@@ -159,7 +150,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->output = arg;
         break;
     case 'z':
-        size(state, o, arg);
+        option_size(state, arg, &o->picture.width, &o->picture.height);
         break;
     case 'r':
         o->rotate_deg = (float)option_number(state, "rotate", arg, -1e6, 1e6);

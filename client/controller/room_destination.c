@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
-// A review room: the controller sits in it as a participant and changes its shared scene. While
-// a hand moves something the others see it by presence; when it rests for a moment one edit
-// keeps it. Edits are sent without waiting for the disk; a thread takes their answers, another
-// one follows what others change, a third one sends the edit of a hand that rests.
+// A review room: the controller takes part in it and changes its shared scene. While a control
+// moves, the other participants see the change as presence; when the controls rest, one edit
+// records it. Edits are sent without waiting for the disk. One thread receives their answers, a
+// second one the changes of other participants, a third one sends the edit when the controls
+// rest.
 #include "control.h"
 
 #include <pthread.h>
@@ -11,8 +12,8 @@
 #include <time.h>
 
 enum { MOST_OPEN = 16 };
-static const uint64_t rest_ns = 250000000;   // a hand that moved nothing for so long rests
-static const uint64_t most_ns = 10000000000; // one that does not rest is kept so often
+static const uint64_t rest_ns = 250000000;   // without a movement until the edit is sent
+static const uint64_t most_ns = 10000000000; // between edits while the controls do not rest
 
 struct room {
     struct destination base; // first
@@ -23,14 +24,14 @@ struct room {
     pthread_mutex_t sending; // one edit after another
     pthread_mutex_t lock;    // all below
     pthread_cond_t wake;
-    cJSON *scene, *first; // first: as it was when the program joined
+    cJSON *scene, *first; // first: the scene when the program joined
     uint64_t changes;     // of the scene by this program
     bool stale;           // the scene is to be fetched once no edit is open
     uint64_t open[MOST_OPEN];
     uint32_t n_open;
-    cJSON *held;      // names of the parts that the hand moved since the last edit; NULL: none
-    uint64_t rest_at; // when an edit keeps them, CLOCK_MONOTONIC, ns
-    uint64_t keep_at; // the latest time for it
+    cJSON *held;      // names of the parts that were moved since the last edit; NULL: none
+    uint64_t rest_at; // time of the edit that records them, CLOCK_MONOTONIC, ns
+    uint64_t keep_at; // the latest time for that edit
     char said[384];   // the last error
 };
 
@@ -43,9 +44,10 @@ static void say_once(struct room *r, const struct relight_error *error)
     if (!again) report(error);
 }
 
-// ---- what others change
+// ---- changes of other participants
 
-// Fetches the scene, unless it is changed meanwhile. *sequence: of the state.
+// Fetches the scene; it is dropped where this program changed its own meanwhile. *sequence:
+// that of the state.
 static int fetch(struct room *r, uint64_t *sequence, struct relight_error *error)
 {
     char *text;
@@ -133,16 +135,16 @@ static void *follow(void *user)
                                          take_news, r, &error);
         show_connected(r->control, false);
         if (status) say_once(r, &error);
-        // A room that is gone or closed to this client does not come back.
+        // A room that was deleted, or that refuses this client, will not answer again.
         if (status == -RELIGHT_E_FORBIDDEN || status == -RELIGHT_E_NOT_FOUND) exit(EXIT_FAILED);
         nanosleep(&pause, NULL);
     }
     return NULL;
 }
 
-// ---- what the controls change
+// ---- edits
 
-// The oldest open edit; 0: none is open, and the scene is stale.
+// Waits for an open edit, and returns the oldest; 0: none is open, and the scene is stale.
 static uint64_t next_open(struct room *r)
 {
     pthread_mutex_lock(&r->lock);
@@ -154,7 +156,7 @@ static uint64_t next_open(struct room *r)
 
 static bool present(struct room *r);
 
-// false: the connection is lost.
+// Takes the answer of an edit. Returns false where the connection is lost.
 static bool take_answer(struct room *r, uint64_t id)
 {
     struct relight_error error;
@@ -166,7 +168,7 @@ static bool take_answer(struct room *r, uint64_t id)
     pthread_cond_broadcast(&r->wake);
     pthread_mutex_unlock(&r->lock);
     if (status) say_once(r, &error);
-    else present(r); // what the edit kept is no longer in the hand
+    else present(r); // without the parts that the edit recorded
     return status != -RELIGHT_E_DISCONNECTED;
 }
 
@@ -215,7 +217,7 @@ static void in_a_second(struct timespec *out)
     out->tv_sec++;
 }
 
-// Undo or redo; the next change begins at what it brought back.
+// Undo or redo. Waits for the scene after it, from which the next change begins.
 static bool begin_plain(struct room *r, const char *what)
 {
     struct timespec end;
@@ -240,9 +242,9 @@ static uint64_t monotonic_ns(void)
     return (uint64_t)t.tv_sec * 1000000000 + (uint64_t)t.tv_nsec;
 }
 
-// ---- a hand: by presence while it moves, as an edit when it rests
+// ---- movements: presence while they last, one edit when the controls rest
 
-// The parts of the scene that these names say. Under the lock.
+// The named parts of the scene. The caller holds the lock.
 static cJSON *scene_of(const struct room *r, const cJSON *parts)
 {
     cJSON *scene = cJSON_CreateObject();
@@ -255,7 +257,8 @@ static cJSON *scene_of(const struct room *r, const cJSON *parts)
     return scene;
 }
 
-// Others see the parts that are held, or that none is. Before the seat is taken nobody looks.
+// Sends the moved parts, or none, as presence. NOT_FOUND is no error: the program has no seat
+// in the room yet.
 static bool present(struct room *r)
 {
     struct relight_error error;
@@ -294,7 +297,7 @@ static void hold(struct room *r, const cJSON *parts)
     pthread_cond_broadcast(&r->wake);
 }
 
-// What the hand moved becomes an edit, before anything that is sent after it.
+// Sends the moved parts as an edit, before any later edit.
 static void keep(struct room *r)
 {
     cJSON *action = NULL;
@@ -336,7 +339,7 @@ static void *keep_always(void *user)
     return NULL;
 }
 
-// false: nothing changed.
+// Applies a change to the scene. Returns false where the scene stays as it is.
 static bool move(struct room *r, const struct change *c)
 {
     cJSON *parts = cJSON_CreateArray();

@@ -8,7 +8,7 @@
 
 enum { HID_DESCRIPTOR = 0x21, REPORT_DESCRIPTOR = 0x22, CONTROL_TIMEOUT_MS = 1000 };
 
-// ---- what a device has
+// ---- descriptors of a device
 
 // The length of the report descriptor, from the HID descriptor behind the interface's.
 static uint16_t report_descriptor_size(const struct libusb_interface_descriptor *i)

@@ -154,7 +154,7 @@ static void *frames(void *user)
         int status = v->view ? show_frames(v, &error) : open_again(v, &error);
         if (!status) continue;
         show_connected(v->control, false);
-        // What the daemon refuses, such as a model that is gone, it refuses again.
+        // The daemon would refuse again: the model is gone, for instance.
         if (!is_lost(status)) exit(report(&error));
         pthread_mutex_lock(&v->lock);
         struct relight_view *view = v->view;

@@ -74,14 +74,6 @@ static const struct argp_option table[] = {
     {0},
 };
 
-static void size(struct argp_state *state, struct options *o, const char *text)
-{
-    int used = 0;
-    if (sscanf(text, "%ux%u%n", &o->width, &o->height, &used) != 2 || text[used] ||
-        o->width < 1 || o->height < 1 || o->width > 4096 || o->height > 4096)
-        argp_error(state, "--size %s: expected WxH, each in [1, 4096]", text);
-}
-
 static int word(struct argp_state *state, const char *what, const char *text, const char *list)
 {
     char all[64] = "";
@@ -127,7 +119,7 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
     int used = 0;
     switch (key) {
     case 'z':
-        size(state, o, arg);
+        option_size(state, arg, &o->width, &o->height);
         break;
     case 'c':
         camera(state, o, arg);

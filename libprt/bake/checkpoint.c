@@ -66,17 +66,6 @@ static const struct place *find(const struct checkpoint *k, uint32_t slot, uint3
 
 // ---- writing
 
-static bool write_all(int fd, const void *bytes, size_t n, uint64_t at)
-{
-    for (const char *p = bytes; n;) {
-        ssize_t put = pwrite(fd, p, n, (off_t)at);
-        if (put < 0 && errno == EINTR) continue;
-        if (put <= 0) return false;
-        p += put, at += (size_t)put, n -= (size_t)put;
-    }
-    return true;
-}
-
 static void append(struct checkpoint *k, const struct record *r, const struct view *view,
                    unsigned n)
 {
@@ -85,10 +74,10 @@ static void append(struct checkpoint *k, const struct record *r, const struct vi
     pthread_mutex_lock(&k->lock);
     uint64_t at = k->end;
     bool fits = at + k->rows_bytes + size <= k->room;
-    bool ok = fits && write_all(k->fd, r, sizeof *r, at);
+    bool ok = fits && prt_write_at(k->fd, r, sizeof *r, at);
     at += sizeof *r;
     for (unsigned i = 0; ok && i < n; i++) {
-        ok = write_all(k->fd, view[i].at, view[i].bytes, at);
+        ok = prt_write_at(k->fd, view[i].at, view[i].bytes, at);
         at += view[i].bytes;
     }
     if (ok) k->end = at;
@@ -127,7 +116,7 @@ static int scan(struct checkpoint *k, uint64_t key)
         memcpy(h.magic, magic, sizeof magic);
         h.key = key;
         k->end = sizeof h;
-        return ftruncate(k->fd, 0) || !write_all(k->fd, &h, sizeof h, 0) ? PRT_IO : PRT_OK;
+        return ftruncate(k->fd, 0) || !prt_write_at(k->fd, &h, sizeof h, 0) ? PRT_IO : PRT_OK;
     }
     while (status == PRT_OK && prt_read_at(k->fd, &p.record, sizeof p.record, at) &&
            prt_record_whole(&p.record)) {
@@ -338,7 +327,7 @@ void prt_checkpoint_write_rows(struct checkpoint *k, const struct half_rows *row
     if (fits) k->rows_bytes += view.bytes;
     pthread_mutex_unlock(&k->lock);
     if (!fits) return; // rows may be too many where clusters are not
-    if (!write_all(k->rows_fd, view.at, view.bytes, begin * rows->n_coef * 2)) {
+    if (!prt_write_at(k->rows_fd, view.at, view.bytes, begin * rows->n_coef * 2)) {
         stop_recording(k, strerror(errno));
         return;
     }

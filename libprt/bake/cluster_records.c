@@ -19,6 +19,17 @@ bool prt_read_at(int fd, void *to, size_t n, uint64_t at)
     return true;
 }
 
+bool prt_write_at(int fd, const void *bytes, size_t n, uint64_t at)
+{
+    for (const char *p = bytes; n;) {
+        ssize_t put = pwrite(fd, p, n, (off_t)at);
+        if (put < 0 && errno == EINTR) continue;
+        if (put <= 0) return false;
+        p += put, at += (size_t)put, n -= (size_t)put;
+    }
+    return true;
+}
+
 // The arrays of a factored cluster that packing reads, by its rank.
 static unsigned factored_views(const struct bake *b, const struct factored *f, uint32_t J,
                                struct view v[RECORD_VIEWS])

@@ -46,7 +46,8 @@ bool prt_record_whole(const struct record *record);
 /* Reads the record's data at `at` of the file. False: it cannot be read or has another hash. */
 bool prt_record_read(const struct record *record, int fd, uint64_t at, const struct view *view,
                      unsigned n);
-/* Reads n bytes at an offset, all or false. */
+/* Read or write n bytes at an offset, all of them or false. */
 bool prt_read_at(int fd, void *to, size_t n, uint64_t at);
+bool prt_write_at(int fd, const void *bytes, size_t n, uint64_t at);
 
 #endif

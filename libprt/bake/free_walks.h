@@ -51,7 +51,7 @@ struct free_walks {
     struct walk_hit *hits; /* by level, then vertex; NULL: not kept */
     double noise[2];       /* as in struct walk_bake */
 };
-/* What a cluster's walks are computed from. cut->k is that of the reflectance basis. */
+/* The inputs of a cluster's walks. cut->k is that of the reflectance basis. */
 struct free_walks_job {
     const struct bake *b;
     const struct walk_pool *pool;

@@ -325,8 +325,8 @@ static int ratio_order(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-// What the dipole would cost: its multiple scattering from that of the walks' references, which
-// measure_term left; the ratio of both under the sky beyond which lies one vertex in fifty.
+// The error of the dipole: its multiple scattering against the references by walks that
+// measure_term left; and the ratio of both under the sky that one vertex in fifty exceeds.
 static int measure_dipole(struct examination *e, cJSON *to)
 {
     struct prt_cube made[MEASURE_LIGHTS] = {{0}};

@@ -123,17 +123,6 @@ static void evict(struct ray_store *s, uint64_t own)
 
 // ---- opening
 
-static bool write_all(int fd, const void *bytes, size_t n, uint64_t at)
-{
-    for (const char *p = bytes; n;) {
-        ssize_t put = pwrite(fd, p, n, (off_t)at);
-        if (put < 0 && errno == EINTR) continue;
-        if (put <= 0) return false;
-        p += put, at += (size_t)put, n -= (size_t)put;
-    }
-    return true;
-}
-
 static bool add_place(struct ray_store *s, const struct place *place)
 {
     if (s->n_place == MAX_RECORDS) return false;
@@ -182,8 +171,8 @@ static void scan(struct ray_store *s, uint64_t key)
     }
     if (size && s->end != size) warn(s, "damaged or cut short");
     if (s->n_place) qsort(s->place, s->n_place, sizeof *s->place, by_slot);
-    if (s->writes &&
-        (ftruncate(s->fd, size ? (off_t)s->end : 0) || !write_all(s->fd, &own, sizeof own, 0)))
+    if (s->writes && (ftruncate(s->fd, size ? (off_t)s->end : 0) ||
+                      !prt_write_at(s->fd, &own, sizeof own, 0)))
         s->writes = false;
 }
 
@@ -268,8 +257,8 @@ void prt_ray_store_put(struct ray_store *s, uint32_t slot, uint32_t id, const vo
     const uint64_t want = s->end + sizeof r + bytes;
     if (want > s->room) evict(s, want);
     bool fits = want <= s->room;
-    bool ok = fits && write_all(s->fd, data, bytes, s->end + sizeof r) &&
-              write_all(s->fd, &r, sizeof r, s->end);
+    bool ok = fits && prt_write_at(s->fd, data, bytes, s->end + sizeof r) &&
+              prt_write_at(s->fd, &r, sizeof r, s->end);
     if (ok) s->end += sizeof r + bytes;
     pthread_mutex_unlock(&s->lock);
     if (!ok && !atomic_exchange(&s->stopped, true))

@@ -97,6 +97,11 @@ struct tensor_job {
 };
 /* Bakes the tensor of the next slot: rows by job->range over all clusters, then packing. */
 int prt_bake_tensor(struct tensor_job *job);
+/* Frees the rows of pass 1 times the lights, which multiple scattering leaves in b->lit for
+ * unscattered light. */
+void prt_bake_drop_lit(struct bake *b);
+/* Frees the factors of all clusters, in memory and on disk. */
+void prt_bake_drop_factored(struct bake *b);
 /* Passes a cluster's rows to the storage of the bake. Thread-safe over clusters. */
 int prt_bake_take_rows(const struct tensor_job *job, uint32_t cluster,
                        const struct row_source *source);
@@ -128,6 +133,7 @@ void prt_bake_unplan_single(struct bake *b);
 /* Pass 1 (prt_irradiance_bake) into b->irradiance, timed; nothing where nothing is translucent
  * or no rows are needed, because all clusters are there already. */
 int prt_bake_irradiance(struct bake *b);
+int prt_bake_wavelet(struct bake *b);
 int prt_bake_joint(struct bake *b);
 int prt_bake_polynomial(struct bake *b);
 /* The settings of the bake and its ray counts as a JSON object, for the file and for the key of

@@ -69,6 +69,24 @@ static int fill(const struct bake *b, uint32_t c, struct cut *cut)
     return PRT_OK;
 }
 
+static int build_cut(const struct bake *b, uint32_t c, struct cut *cut)
+{
+    const struct cut_source from = prt_bake_cut_source(b);
+    return prt_cut_build(b->ctx, &from, c, &b->radial[prt_bake_medium(b, c)], cut);
+}
+
+// The rows of a cluster, of n_function functions in cut->k.
+static int take_rows(const struct tensor_job *job, uint32_t c, const struct cut *cut,
+                     uint32_t n_function)
+{
+    const struct bake *b = job->bake;
+    const uint32_t n = b->clusters->cluster[c].n_vertex;
+    struct product_rows rows = {&b->irradiance, cut, n, n_function, job->lit, job->work, NULL};
+    const struct row_source source = {&rows, n, prt_product_multiply, prt_product_project,
+                                      prt_product_combine};
+    return prt_bake_take_rows(job, c, &source);
+}
+
 int prt_bake_unscattered_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct tensor_job *job = arg;
@@ -79,17 +97,10 @@ int prt_bake_unscattered_range(void *arg, size_t begin, size_t end, unsigned wor
         if (!prt_walks_in(b, (uint32_t)c)) continue;
         struct cut cut = {0};
         const uint64_t started = prt_work_begin();
-        const struct cut_source from = prt_bake_cut_source(b);
-        status = prt_cut_build(b->ctx, &from, (uint32_t)c,
-                               &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
+        status = build_cut(b, (uint32_t)c, &cut);
         if (status == PRT_OK) status = fill(b, (uint32_t)c, &cut);
         prt_work_end(job->work, WORK_WALKS, started, 0, 0);
-        struct product_rows rows = {
-            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3, job->lit,
-            job->work,      NULL};
-        const struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
-                                          prt_product_project, prt_product_combine};
-        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        if (status == PRT_OK) status = take_rows(job, (uint32_t)c, &cut, 3);
         prt_cut_finish(&cut);
     }
     return status;
@@ -118,39 +129,38 @@ static void take_free_exit(void *arg, const struct prt_walk_exit *exit)
         k[j * g->stride] += share * value[j];
 }
 
+// One cluster: the functions of the paths' lengths, in place of the cut's kernel.
+static int free_cluster(const struct tensor_job *job, uint32_t c)
+{
+    const struct bake *b = job->bake;
+    const uint32_t n = b->clusters->cluster[c].n_vertex, J = job->n_function;
+    struct cut cut = {0};
+    const uint64_t started = prt_work_begin();
+    int status = build_cut(b, c, &cut);
+    uint32_t *column = status ? NULL : prt_walk_columns(b, &cut);
+    float *k = prt_calloc((size_t)J * n * cut.n_column + 1, sizeof *k);
+    if (!status && (!k || !column)) status = PRT_NOMEM;
+    struct free_gather g = {b, job->user, column, NULL, n, (size_t)n * cut.n_column};
+    for (uint32_t v = 0; v < n && !status; v++) {
+        g.k = k + v;
+        prt_bake_unscattered_paths(b, c, v, PRT_LEAST_EXTINCTION, take_free_exit, &g);
+    }
+    prt_work_end(job->work, WORK_WALKS, started, 0, 0);
+    struct cut own = cut;
+    own.k = k;
+    if (!status) status = take_rows(job, c, &own, J);
+    prt_free(k);
+    prt_free(column);
+    prt_cut_finish(&cut);
+    return status;
+}
+
 int prt_bake_free_unscattered_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct tensor_job *job = arg;
-    const struct bake *b = job->bake;
     int status = PRT_OK;
     prt_trace_thread_init();
-    for (size_t c = begin; status == PRT_OK && c < end; c++) {
-        if (!prt_walks_in(b, (uint32_t)c)) continue;
-        struct cut cut = {0};
-        const uint32_t n = b->clusters->cluster[c].n_vertex, J = job->n_function;
-        const uint64_t started = prt_work_begin();
-        const struct cut_source from = prt_bake_cut_source(b);
-        status = prt_cut_build(b->ctx, &from, (uint32_t)c,
-                               &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
-        uint32_t *column = status ? NULL : prt_walk_columns(b, &cut);
-        float *k = prt_calloc((size_t)J * n * cut.n_column + 1, sizeof *k);
-        if (!status && (!k || !column)) status = PRT_NOMEM;
-        struct free_gather g = {b, job->user, column, NULL, n, (size_t)n * cut.n_column};
-        for (uint32_t v = 0; v < n && !status; v++) {
-            g.k = k + v;
-            prt_bake_unscattered_paths(b, (uint32_t)c, v, PRT_LEAST_EXTINCTION, take_free_exit,
-                                       &g);
-        }
-        prt_work_end(job->work, WORK_WALKS, started, 0, 0);
-        struct cut own = cut;
-        own.k = k;
-        struct product_rows rows = {&b->irradiance, &own, n, J, job->lit, job->work, NULL};
-        const struct row_source source = {&rows, n, prt_product_multiply, prt_product_project,
-                                          prt_product_combine};
-        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
-        prt_free(k);
-        prt_free(column);
-        prt_cut_finish(&cut);
-    }
+    for (size_t c = begin; status == PRT_OK && c < end; c++)
+        if (prt_walks_in(job->bake, (uint32_t)c)) status = free_cluster(job, (uint32_t)c);
     return status;
 }

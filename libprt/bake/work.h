@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* What a bake spends its time on: CPU seconds, rays and floating-point operations of each kind
+/* The work of a bake: CPU seconds, rays and floating-point operations of each kind
  * of work, for `prt bake --profile`. */
 #ifndef PRT_BAKE_WORK_H
 #define PRT_BAKE_WORK_H

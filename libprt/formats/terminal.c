@@ -9,7 +9,7 @@
 
 enum { LEVELS = 6, PALETTE = LEVELS * LEVELS * LEVELS, MOST_PIXELS = 800, PIECE = 3072 };
 
-// ---- which terminal
+// ---- the kind of terminal
 
 static bool begins_with_one_of(const char *text, const char *const words[])
 {

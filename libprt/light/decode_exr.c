@@ -70,7 +70,7 @@ static int fail_exr(const struct exr *x, exr_result_t code)
                     x->name, x->why[0] ? x->why : exr_get_default_error_message(code));
 }
 
-/* ---- which channels ---- */
+/* ---- the choice of channels ---- */
 
 static int find(const exr_attr_chlist_t *list, const char *prefix, size_t n_prefix,
                 const char *leaf)

@@ -74,8 +74,8 @@ static void read_opacity(const struct reading *r, const char *name, struct impor
     prt_import_lost(s, "opacity below 1", 1 - fmin(fmin(opacity[0], opacity[1]), opacity[2]));
 }
 
-// What OpenPBR Surface and Autodesk Standard Surface call the same inputs, and where their
-// defaults differ.
+// The names of equal inputs in OpenPBR Surface and Autodesk Standard Surface, and the defaults
+// that differ.
 struct names {
     const char *base_weight, *metal, *ior, *specular, *transmission, *scatter_g, *subsurface,
         *subsurface_g, *anisotropy, *dispersion, *thin_walls, *emission, *opacity;

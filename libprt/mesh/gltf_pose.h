@@ -7,7 +7,7 @@
 
 #include <cjson/cJSON.h>
 
-// What an animation gives a node.
+// The transform and morph weights that an animation gives a node.
 struct gltf_moment {
     bool has_t, has_r, has_s;
     double t[3], r[4], s[3];

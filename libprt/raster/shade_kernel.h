@@ -376,7 +376,7 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
     PRT_KERNEL(cube_fetch)(job->background, n, &look, rgb);
 }
 
-/* What n <= LANES pixels of row y show where no surface is. */
+/* The background of n <= LANES pixels of row y. */
 static void PRT_KERNEL(behind)(const struct shade_job *job, uint32_t y, int n,
                                const uint32_t *x, four *rgb)
 {

@@ -144,7 +144,7 @@ static double most_error(const struct prt_tensor *tensor)
                : PRT_MATERIAL_MOST_ERROR_X07;
 }
 
-// What a basis covers [sigma_s'|sigma_t, sigma_a][least, most] mm^-1.
+// The range of a basis, [sigma_s'|sigma_t, sigma_a][least, most] mm^-1.
 static void range_of(const struct prt_tensor *t, const struct prt_radial *radial,
                      double range[2][2])
 {
@@ -221,7 +221,7 @@ static int fit_walks(const struct prt_tensor *t, const struct prt_material *m, f
     return weight ? PRT_OK : PRT_NOMEM;
 }
 
-// The coefficients of what crosses unscattered: similarity, the reduced extinction.
+// Coefficients of unscattered light: by similarity, those of the reduced extinction.
 static int fit_path(const struct prt_radial *radial, const struct prt_material *m, float *coef,
                     double *error)
 {

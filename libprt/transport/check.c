@@ -416,8 +416,8 @@ int prt_transport_check(const struct prt_context *ctx, const char *name,
     int status = check_mesh(&c);
     if (!status) status = check_media(&c);
     if (status) return status;
-    if (transport->n_tensor < 1 || transport->n_tensor > 4)
-        return bad(&c, "%u tensors, 1 to 4 are known", transport->n_tensor);
+    if (transport->n_tensor < 1 || transport->n_tensor > PRT_MOST_TENSORS)
+        return bad(&c, "%u tensors, 1 to %d are known", transport->n_tensor, PRT_MOST_TENSORS);
     if (transport->engine > PRT_TRANSPORT_JOINT)
         return bad(&c, "unknown engine %u", transport->engine);
     for (uint32_t i = 0; i < transport->n_tensor; i++)

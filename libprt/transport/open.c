@@ -351,9 +351,9 @@ static int take_all(struct prt_file *f)
     const struct format_info *info;
     int status;
     TAKE(f, SECTION_INFO, 0, sizeof *info, info);
-    if (info->n_tensor < 1 || info->n_tensor > 4)
-        return prt_fail(f->ctx, PRT_FORMAT, "%s: %u tensors, 1 to 4 are known", f->name,
-                        info->n_tensor);
+    if (info->n_tensor < 1 || info->n_tensor > PRT_MOST_TENSORS)
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: %u tensors, 1 to %d are known", f->name,
+                        info->n_tensor, PRT_MOST_TENSORS);
     if ((status = take_media(f, info))) return status;
     t->cube = info->cube;
     t->engine = info->engine;

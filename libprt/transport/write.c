@@ -12,7 +12,7 @@ struct layout {
     const void *bytes[FORMAT_MAX_SECTION];
     uint32_t n;
     struct format_info info;
-    struct format_tensor tensor[4];
+    struct format_tensor tensor[PRT_MOST_TENSORS];
     struct format_material more[PRT_MEDIA_MAX - 1]; // all media but the first
     struct {
         struct format_profile head;
@@ -139,7 +139,8 @@ static int build(const struct prt_context *ctx, const char *path, const struct p
                  struct layout *l)
 {
     const struct prt_mesh *m = &t->mesh;
-    if (t->n_tensor > 4) return prt_fail(ctx, PRT_ARG, "%s: more than 4 tensors", path);
+    if (t->n_tensor > PRT_MOST_TENSORS)
+        return prt_fail(ctx, PRT_ARG, "%s: more than %d tensors", path, PRT_MOST_TENSORS);
     l->info = (struct format_info){.n_vertex = m->n_vertex,
                                    .n_triangle = m->n_triangle,
                                    .n_block = m->n_block,

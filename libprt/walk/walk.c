@@ -112,7 +112,7 @@ static void sobol_directions(uint32_t direction[3][32])
         direction[0][k] = 0x80000000u >> k;
         uint32_t *second = direction[1], *third = direction[2];
         second[k] = k ? second[k - 1] ^ second[k - 1] >> 1 : 0x80000000u;
-        third[k] = k > 1   ? third[k - 1] >> 1 ^ third[k - 2] ^ third[k - 2] >> 2
+        third[k] = k > 1   ? third[k - 1] ^ third[k - 2] ^ third[k - 2] >> 2
                    : k > 0 ? 0xc0000000u
                            : 0x80000000u;
     }

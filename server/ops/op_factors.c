@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_TENSORS = 4, KEY = 200 };
+enum { KEY = 200 };
 
 struct factors {
     uint64_t hash;
@@ -20,7 +20,7 @@ struct factors {
     struct factor_sections {
         uint32_t term, n_cluster;
         size_t clusters, order, u, u_bytes; // offsets; clusters and order with first 0
-    } tensor[MOST_TENSORS];
+    } tensor[PRT_MOST_TENSORS];
     size_t size;
     uint8_t *bytes;
 };
@@ -134,7 +134,7 @@ static void factors_ready(struct request_wait *wait, struct request *request)
     if (request && entry->state == CACHE_READY) {
         const struct factors *f = entry->value;
         Relight__FactorsAnswer out = RELIGHT__FACTORS_ANSWER__INIT;
-        Relight__FactorTensor tensor[MOST_TENSORS], *list[MOST_TENSORS];
+        Relight__FactorTensor tensor[PRT_MOST_TENSORS], *list[PRT_MOST_TENSORS];
         for (uint32_t i = 0; i < f->n_tensor; i++) {
             const struct factor_sections *s = &f->tensor[i];
             relight__factor_tensor__init(list[i] = &tensor[i]);

@@ -38,7 +38,7 @@ struct needs {
     const char *blob[MOST_BLOBS];
 };
 
-// ---- what a message names
+// ---- names in a message
 
 static void need_blob(struct needs *needs, const char *hash)
 {

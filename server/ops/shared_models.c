@@ -356,7 +356,7 @@ static void sweep_replays(struct shared_models *s)
     }
 }
 
-// ---- those who wait
+// ---- waiting requests
 
 static bool is_called(const struct record *r, const char *text)
 {

@@ -28,7 +28,7 @@ static int teardown(void **state)
     return status;
 }
 
-// ---- what is done while an allocation fails: 0, or the error's code
+// ---- actions while an allocation fails; each returns 0 or the error's code
 
 typedef int (*act_fn)(struct relight_client *client, unsigned turn,
                       struct relight_error *error);

@@ -34,7 +34,7 @@ static void fill(uint8_t *bytes, unsigned turn)
         bytes[i] = (uint8_t)((x = x * 1103515245 + 12345) >> 16);
 }
 
-// ---- what clients do until the daemon is gone, and what it acknowledged
+// ---- requests of clients until the daemon is gone, and its answers
 
 struct record {
     char name[ID_SIZE]; // a model's id

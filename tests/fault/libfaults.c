@@ -23,7 +23,7 @@ extern void *__libc_memalign(size_t align, size_t n);
 
 static struct faults *faults;
 
-// ---- whose calls fail
+// ---- the choice of calls that fail
 
 enum { RANGES = 32 };
 static struct {

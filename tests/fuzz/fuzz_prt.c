@@ -7,6 +7,7 @@
 #include <xxhash.h>
 
 #include "format.h"
+#include "prt/radial.h"
 #include "prt/relight.h"
 
 static void quiet(void *user, enum prt_log_level level, const char *line)
@@ -30,6 +31,32 @@ static void relight(struct prt_context *ctx, const struct prt_tensor *t, uint32_
     prt_free(color);
 }
 
+// Media in the basis of a tensor of walks: a material or an error, never another address.
+static void apply_medium(struct prt_context *ctx, const struct prt_transport *t)
+{
+    const struct prt_material medium = {
+        .sigma_s_prime = {0.3f, 1, 8}, .sigma_a = {0, 0.02f, 0.7f}, .eta = 1.3f};
+    const struct prt_media media = prt_media_one(&medium);
+    struct prt_cube light;
+    double error;
+    (void)prt_answer_material_error(ctx, t, &media, PRT_ANSWER_MULTIPLE, &error);
+    if (prt_cube_init(&light, t->cube)) return;
+    const struct prt_query query = {
+        .term = PRT_ANSWER_MULTIPLE, .light = &light, .media = media};
+    float(*color)[3] = prt_calloc(t->mesh.n_vertex, sizeof *color);
+    if (color) (void)prt_answer_colors(ctx, t, &query, color);
+    prt_free(color);
+    prt_cube_finish(&light);
+}
+
+static bool is_of_walks(const struct prt_transport *t)
+{
+    bool any = false;
+    for (uint32_t i = 0; i < t->n_tensor; i++)
+        any |= t->tensor[i].n_knot && t->tensor[i].basis_kind == PRT_RADIAL_WALK;
+    return any && t->n_tensor == 1 && t->cube <= 64;
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t n);
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t n)
@@ -50,6 +77,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t n)
         const struct prt_transport *t = prt_file_transport(file);
         for (uint32_t i = 0; i < t->n_tensor && t->cube <= 64; i++)
             relight(&ctx, &t->tensor[i], t->cube);
+        if (is_of_walks(t)) apply_medium(&ctx, t);
         prt_file_close(file);
     }
     free(h);

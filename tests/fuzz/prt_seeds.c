@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <sys/stat.h>
 
+#include "prt/radial.h"
 #include "synthetic.h"
 
 // The same with a name for each object and several media: sections that others lack. Where
@@ -25,6 +26,45 @@ static int write_media(const struct prt_context *ctx, const char *folder, size_t
     snprintf(path, sizeof path, "%s/media-%zu.prt", folder, i);
     int status = prt_file_write(&quiet, path, &own);
     return status && status != PRT_FORMAT;
+}
+
+// A tensor of walks in the media of a grid.
+static int write_walks(const struct prt_context *ctx, const char *folder)
+{
+    enum { LEVELS = 5, NODES = 4, FUNCTIONS = 3 };
+    static float knot[LEVELS + NODES] = {0.1f, 0.5f, 1, 3, 9, 0, 0.01f, 0.1f, 1};
+    static float basis[FUNCTIONS * LEVELS * NODES];
+    const struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                        .coupling = PRT_COUPLE_FULL,
+                                        .value = PRT_VALUE_I8,
+                                        .n_vertex = 21,
+                                        .n_cluster = 2,
+                                        .rank = 2,
+                                        .n_phase = 1,
+                                        .n_radial = FUNCTIONS,
+                                        .cube = 4,
+                                        .coefs = 4,
+                                        .seed = 1};
+    const struct prt_material medium = {.eta = 1.3f};
+    struct prt_transport t = {.cube = 4,
+                              .engine = PRT_TRANSPORT_JOINT,
+                              .n_tensor = 1,
+                              .media = prt_media_one(&medium)};
+    char path[4096];
+    for (int i = 0; i < FUNCTIONS * LEVELS * NODES; i++) basis[i] = (float)(i % 7) - 3;
+    if (synthetic_mesh(o.n_vertex, true, &t.mesh) || synthetic_tensor(&o, &t.tensor[0]))
+        return 1;
+    struct prt_tensor walks = t.tensor[0];
+    walks.basis_kind = PRT_RADIAL_WALK;
+    walks.n_knot = LEVELS + NODES;
+    walks.knot = knot, walks.basis = basis;
+    struct prt_transport written = t;
+    written.tensor[0] = walks;
+    snprintf(path, sizeof path, "%s/walks.prt", folder);
+    int status = prt_file_write(ctx, path, &written);
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_mesh_finish(&t.mesh);
+    return status;
 }
 
 int main(int argc, char **argv)
@@ -57,6 +97,7 @@ int main(int argc, char **argv)
     prt_context_init(&ctx);
     if (argc != 2) return 2;
     mkdir(argv[1], 0777);
+    if (write_walks(&ctx, argv[1])) return 1;
     for (size_t i = 0; i < sizeof kind / sizeof *kind; i++) {
         const struct prt_material medium = {.eta = 1.3f};
         struct prt_transport t = {.cube = 4, .n_tensor = 1, .media = prt_media_one(&medium)};

@@ -220,22 +220,34 @@ struct prt_mesh *body_mesh(const struct prt_context *ctx, struct model *m, bool 
     return mesh;
 }
 
+void split_parts(struct prt_mesh *mesh, uint32_t n, const struct part part[])
+{
+    static struct prt_surface surface[MOST_PARTS];
+    static struct prt_block block[MOST_PARTS];
+    assert_true(n <= MOST_PARTS);
+    const struct prt_surface first = mesh->surface[0];
+    for (uint32_t i = 0; i < n; i++) {
+        const uint32_t vertex = i + 1 < n ? part[i + 1].vertex_begin : mesh->n_vertex;
+        const uint32_t triangle = i + 1 < n ? part[i + 1].triangle_begin : mesh->n_triangle;
+        const float *rgb = part[i].rgb;
+        surface[i] = first;
+        if (rgb)
+            surface[i] = (struct prt_surface){.name = "floor",
+                                              .base_color = {rgb[0], rgb[1], rgb[2], 1}};
+        block[i] = (struct prt_block){i,
+                                      i,
+                                      part[i].vertex_begin,
+                                      vertex - part[i].vertex_begin,
+                                      part[i].triangle_begin,
+                                      triangle - part[i].triangle_begin};
+    }
+    mesh->surface = surface, mesh->n_surface = n;
+    mesh->block = block, mesh->n_block = n, mesh->n_object = n;
+    mesh->object = NULL; // names of one object only
+}
+
 void split_opaque(struct prt_mesh *mesh, uint32_t vertex_begin, uint32_t triangle_begin,
                   const float rgb[3])
 {
-    static struct prt_surface surface[2];
-    static struct prt_block block[2];
-    surface[0] = mesh->surface[0];
-    surface[1] =
-        (struct prt_surface){.name = "floor", .base_color = {rgb[0], rgb[1], rgb[2], 1}};
-    block[0] = (struct prt_block){0, 0, 0, vertex_begin, 0, triangle_begin};
-    block[1] = (struct prt_block){1,
-                                  1,
-                                  vertex_begin,
-                                  mesh->n_vertex - vertex_begin,
-                                  triangle_begin,
-                                  mesh->n_triangle - triangle_begin};
-    mesh->surface = surface, mesh->n_surface = 2;
-    mesh->block = block, mesh->n_block = 2, mesh->n_object = 2;
-    mesh->object = NULL; // names of one object only
+    split_parts(mesh, 2, (struct part[]){{0, 0, NULL}, {vertex_begin, triangle_begin, rgb}});
 }

@@ -50,8 +50,16 @@ double fluted_ball(double theta, double phi);
 // One translucent object in mm, and the model is finished. With `normals` the model's own are
 // kept, else they follow from the faces.
 struct prt_mesh *body_mesh(const struct prt_context *ctx, struct model *m, bool normals);
-// Makes all from a vertex and a triangle on a second object, opaque, of that colour. The blocks
-// live until the next call.
+// Makes an object of each run of vertices and triangles, which begin at 0 and ascend. rgb: of
+// an opaque one; NULL: it is translucent. The mesh's blocks live until the next call.
+enum { MOST_PARTS = 8 };
+struct part {
+    uint32_t vertex_begin, triangle_begin;
+    const float *rgb;
+};
+void split_parts(struct prt_mesh *mesh, uint32_t n, const struct part part[]);
+// Makes all from a vertex and a triangle on a second object, opaque, of that colour. As
+// split_parts().
 void split_opaque(struct prt_mesh *mesh, uint32_t vertex_begin, uint32_t triangle_begin,
                   const float rgb[3]);
 

@@ -8,33 +8,14 @@
 #include <cmocka.h>
 
 #include <dirent.h>
-#include <fcntl.h>
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "bake/row_lanes.h"
+#include "bake_parts.h"
 #include "bodies.h"
-#include "expect.h"
-#include "prt/bake.h"
 
-static struct prt_context context;
-static char folder[] = "/tmp/prt-cache-test-XXXXXX";
 static char cache[64];
 static unsigned warnings;
-
-static const char *file(const char *name)
-{
-    static char path[4][256];
-    static unsigned next;
-    char *out = path[next++ % 4];
-    snprintf(out, sizeof path[0], "%s/%s", folder, name);
-    return out;
-}
 
 static void count_warnings(void *user, enum prt_log_level level, const char *line)
 {
@@ -71,16 +52,6 @@ static bool find_store(char path[512])
         }
     if (dir) closedir(dir);
     return found;
-}
-
-static void same_bytes(const char *one, const char *other)
-{
-    struct prt_blob a, b;
-    assert_int_equal(prt_read_file(&context, one, 1u << 30, &a), PRT_OK);
-    assert_int_equal(prt_read_file(&context, other, 1u << 30, &b), PRT_OK);
-    assert_int_equal(a.size, b.size);
-    assert_memory_equal(a.bytes, b.bytes, a.size);
-    prt_free(a.bytes), prt_free(b.bytes);
 }
 
 static off_t store_bytes(void)
@@ -129,6 +100,26 @@ static void second_material_casts_no_rays(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Contract of options.cache: a bake of every ray takes none of a draft, which casts one of four
+// where four agree, and writes the bytes that it writes without.
+static void drafts_have_rays_of_their_own(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("marble", PRT_TRANSPORT_WAVELET);
+    clear();
+    o.cube = 16;
+    o.no_single = o.unmeasured = true;
+    o.cache = cache;
+    assert_true(bake(mesh, o, file("draft.prt")) > 0);
+    o.draft = false;
+    o.cache = NULL;
+    bake(mesh, o, file("plain.prt"));
+    o.cache = cache;
+    bake(mesh, o, file("second.prt"));
+    same_bytes(file("plain.prt"), file("second.prt"));
+    prt_mesh_destroy(mesh);
+}
+
 // Contract of options.cache: whatever stands in the file, a bake writes its own bytes, with one
 // warning where something was wrong, and leaves a file that the next one can use.
 static void damage_costs_rays_alone(void **state)
@@ -147,16 +138,8 @@ static void damage_costs_rays_alone(void **state)
     // record.
     const off_t place[] = {3, 40, st.st_size - 1};
     for (unsigned i = 0; i < 3 + 2; i++) {
-        int fd = open(path, O_RDWR);
-        char byte;
-        if (i < 3) {
-            assert_int_equal(pread(fd, &byte, 1, place[i]), 1);
-            byte = (char)~byte;
-            assert_int_equal(pwrite(fd, &byte, 1, place[i]), 1);
-        } else {
-            assert_int_equal(ftruncate(fd, i == 3 ? 5 : st.st_size / 2 + 1), 0);
-        }
-        close(fd);
+        if (i < 3) assert_true(invert_byte(path, place[i]));
+        else assert_int_equal(truncate(path, i == 3 ? 5 : st.st_size / 2 + 1), 0);
         warnings = 0;
         bake(mesh, o, file("second.prt"));
         same_bytes(file("plain.prt"), file("second.prt"));
@@ -179,14 +162,7 @@ static void killed_bake_leaves_nothing_half(void **state)
     clear();
     bake(mesh, o, file("plain.prt"));
     o.cache = cache;
-    pid_t child = fork();
-    assert_true(child >= 0);
-    if (!child) {
-        struct prt_context c;
-        prt_context_init(&c);
-        prt_pool_create(0, &c.pool);
-        _exit(prt_bake(&c, mesh, &o, file("killed.prt")));
-    }
+    pid_t child = bake_in_child(mesh, &o, file("killed.prt"));
     int how = 0;
     while (waitpid(child, &how, WNOHANG) == 0 &&
            !(find_store(path) && !stat(path, &st) && st.st_size > 4000))
@@ -216,7 +192,10 @@ static void folder_keeps_to_its_budget(void **state)
         prt_ray_store_put(s, 7, 9, data, BYTES, key);
         prt_ray_store_put(s, 7, 9, data, 3 * BYTES, key); // does not fit
         prt_ray_store_close(s);
-        usleep(20000); // the files' times differ
+        char name[64];
+        snprintf(name, sizeof name, "cache/test-%016llx.rays", (unsigned long long)key);
+        const struct timespec used[2] = {{.tv_sec = (time_t)key}, {.tv_sec = (time_t)key}};
+        assert_int_equal(utimensat(AT_FDCWD, file(name), used, 0), 0);
     }
     for (uint64_t key = 3; key >= 1; key--) {
         struct ray_store *s = prt_ray_store_open(&context, cache, "test", key, 3 * BYTES);
@@ -265,27 +244,17 @@ static void rows_are_packed_whole(void **state)
     }
 }
 
-static int clean_up(void **state)
-{
-    char command[300];
-    snprintf(command, sizeof command, "rm -rf %s", folder);
-    return system(command);
-}
-
 int main(void)
 {
-    prt_context_init(&context);
-    prt_pool_create(0, &context.pool);
-    if (!mkdtemp(folder)) return 1;
+    if (!bake_files_begin()) return 1;
     snprintf(cache, sizeof cache, "%s/cache", folder);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(second_material_casts_no_rays),
+        cmocka_unit_test(drafts_have_rays_of_their_own),
         cmocka_unit_test(damage_costs_rays_alone),
         cmocka_unit_test(killed_bake_leaves_nothing_half),
         cmocka_unit_test(folder_keeps_to_its_budget),
         cmocka_unit_test(rows_are_packed_whole),
     };
-    int failed = run_physics_tests(tests, NULL, clean_up);
-    prt_pool_destroy(context.pool);
-    return failed;
+    return run_physics_tests(tests, NULL, bake_files_end);
 }

@@ -112,6 +112,38 @@ static void every_walk_leaves(void **state)
     }
 }
 
+static void add_crossing(void *arg, const struct prt_walk_exit *exit)
+{
+    if (!exit->scatterings) *(double *)arg += (double)exit->weight;
+}
+
+static void add_straight(void *arg, const struct prt_walk_exit *exit)
+{
+    *(double *)arg += (double)exit->weight * exp(-0.1 * (double)exit->length_mm);
+}
+
+// Law: of the walks of one start as many cross a body unscattered as straight paths say; they
+// err by no more than walks with independent random numbers would (METHODS §9, estimator).
+static void walks_of_a_start_are_stratified(void **state)
+{
+    enum { STARTS = 64, WALKS = 8192, PATHS = 4096 };
+    struct body b = body(ball(dented_ball, 0));
+    double square = 0;
+    for (uint32_t i = 0; i < STARTS; i++) {
+        struct prt_walk_start start;
+        struct prt_walk_counts counts = {0};
+        double got = 0, want = 0;
+        prt_walk_start_at(b.space, i * (b.mesh->n_vertex / STARTS), 0, i + 1, &start);
+        prt_walk_run(b.space, &start, &(struct prt_walk_medium){0.1f, 1.3f, 0}, WALKS,
+                     add_crossing, &got, &counts);
+        prt_walk_unscattered(b.space, &start, 1.3f, 0.1f, PATHS, add_straight, &want);
+        got /= WALKS, want /= PATHS;
+        square += (got - want) * (got - want) * WALKS / (want * (1 - want)) / STARTS;
+    }
+    expect_below("deviation over that of independent walks", sqrt(square), 1);
+    end(&b);
+}
+
 // A slab between plane boundaries of reflectance r(mu), solved without random numbers: the
 // collision density in cells of equal optical depth, order by order, for light that enters at
 // depth 0 as it would from an even environment. Optical depths count sigma_s' alone; absorption
@@ -374,6 +406,7 @@ int main(void)
     prt_context_init(&context);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_walk_leaves),
+        cmocka_unit_test(walks_of_a_start_are_stratified),
         cmocka_unit_test(mean_length_is_invariant),
         cmocka_unit_test(slabs_follow_transport_theory),
         cmocka_unit_test(reference_of_a_slab),

@@ -587,7 +587,7 @@ static void test_rate(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// ---- who comes without a token
+// ---- clients without a token
 
 // The first token closes the door of TCP, also for those who are in.
 static void test_first_token(void **state)

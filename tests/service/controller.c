@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // relight-control with scripted USB devices against a live relightd: turning them turns the
-// light of a room and of a view; devices that fail, lie or leave harm nothing.
+// light of a room and of a view; devices that fail, lie or leave harm nothing. Above 600 lines:
+// every case plugs in the same scripted devices.
 #include "lone_daemon.h"
 #include "usb_mock.h"
 #include "usb_reports.h"
@@ -30,6 +31,10 @@ static const struct mock_design navigator = {.vendor = 0x046d,
                                         .has_driver = true};
 
 // ---- the program
+
+// Times 20 ms that a state is waited for: it ends the test of a daemon that is stuck, not that
+// of one on a busy machine.
+enum { PATIENCE = 3000 };
 
 static struct program {
     pid_t pid;
@@ -62,7 +67,7 @@ static bool control_says(const char *word, int ms)
 
 static void expect_says(const char *word)
 {
-    if (control_says(word, 10000)) return;
+    if (control_says(word, 20 * PATIENCE)) return;
     char *text = read_text(control.err);
     fail_msg("no \"%s\" in: %s", word, text);
 }
@@ -72,9 +77,9 @@ static int end_control(cJSON **measured)
 {
     int how;
     kill(control.pid, SIGTERM);
-    for (int i = 0; i < 500; i++) {
+    for (int i = 0; i < PATIENCE; i++) {
         if (waitpid(control.pid, &how, WNOHANG) == control.pid) break;
-        if (i == 499) {
+        if (i == PATIENCE - 1) {
             kill(control.pid, SIGKILL);
             fail_msg("relight-control does not end");
         }
@@ -142,7 +147,7 @@ static double light_value(const char *field, const char *axis)
 static void expect_light(const char *field, const char *axis, double wanted, double tolerance)
 {
     double value = NAN;
-    for (int i = 0; i < 250; i++) {
+    for (int i = 0; i < PATIENCE; i++) {
         value = light_value(field, axis);
         if (fabs(value - wanted) <= tolerance) return;
         sleep_ms(20);
@@ -263,7 +268,7 @@ static void mapping_file(void **state)
     struct mock_device *device = mock_plug(&knob), *other = mock_plug(&knob);
     start_control((const char *[]){room, "--mapping", file, NULL});
     expect_says("HID device (1234:abcd): connected, 3 controls");
-    for (int i = 0; i < 200 && !mock_counts(other).claimed; i++) sleep_ms(20);
+    for (int i = 0; i < PATIENCE && !mock_counts(other).claimed; i++) sleep_ms(20);
     assert_int_equal(mock_counts(other).claimed, 1); // both of them
     const uint8_t turned[4] = {40, 0xff, 0x03, 0}, back[4] = {0, 0, 0, 0},
                   pressed[4] = {0, 0, 0, 1};
@@ -278,7 +283,7 @@ static void mapping_file(void **state)
     expect_light("rotate_deg", NULL, -10, 1e-3);
     mock_report(device, pressed, sizeof pressed);
     expect_light("rotate_deg", NULL, 30, 1e-3);
-    // What was undone is where the next count begins.
+    // The next count begins at the value that undo brought back.
     const uint8_t one[4] = {2, 0, 0, 0};
     sleep_ms(200);
     mock_report(device, one, sizeof one);
@@ -332,7 +337,7 @@ static void powermate_turns_a_view(void **state)
     start_control((const char *[]){model, "--env", "constant", "-o", picture, "--size", "64x48",
                                    "--measure", NULL});
     expect_says("connected");
-    for (int i = 0; i < 500 && access(picture, R_OK); i++) sleep_ms(20);
+    for (int i = 0; i < PATIENCE && access(picture, R_OK); i++) sleep_ms(20);
     char before[65], after[65] = "";
     struct relight_error hashed;
     char *bytes = read_text(picture);
@@ -345,7 +350,7 @@ static void powermate_turns_a_view(void **state)
     const uint8_t pressed[6] = {1};
     (void)pressed;
     turn_powermate(mate, 30, false);
-    for (int i = 0; i < 500 && (!*after || !strcmp(before, after)); i++) {
+    for (int i = 0; i < PATIENCE && (!*after || !strcmp(before, after)); i++) {
         sleep_ms(20);
         relight_upload_file(client, picture, NULL, NULL, after, &sent, &hashed);
         if (i % 10 == 9) turn_powermate(mate, 1, false);
@@ -377,13 +382,13 @@ static void hot_plug(void **state)
     twist(mouse, -350);
     mock_unplug(mouse); // fully deflected: the light stands still
     expect_says("given back");
-    for (int i = 0; i < 250 && light_value("rotate_deg", NULL) < 40.1; i++) sleep_ms(20);
+    for (int i = 0; i < PATIENCE && light_value("rotate_deg", NULL) < 40.1; i++) sleep_ms(20);
     double still = light_value("rotate_deg", NULL);
     assert_true(still > 40);
     sleep_ms(300);
     assert_true(light_value("rotate_deg", NULL) == still);
     mate = mock_plug(&powermate);
-    for (int i = 0; i < 200 && !mock_counts(mate).claimed; i++) sleep_ms(20);
+    for (int i = 0; i < PATIENCE && !mock_counts(mate).claimed; i++) sleep_ms(20);
     turn_powermate(mate, 1, false);
     expect_light("rotate_deg", NULL, remainder(still + 3, 360), 1e-3);
     assert_int_equal(end_control(NULL), 0);
@@ -426,7 +431,7 @@ static void devices_that_lie(void **state)
         write_text(control.err, "");
         struct mock_device *bad = mock_plug(&cases[i].design);
         expect_says(cases[i].says);
-        for (int k = 0; k < 200 && !mock_counts(bad).attached; k++) sleep_ms(20);
+        for (int k = 0; k < PATIENCE && !mock_counts(bad).attached; k++) sleep_ms(20);
         struct mock_counts c = mock_counts(bad);
         assert_int_equal(c.detached, 1);
         assert_int_equal(c.attached, 1);
@@ -475,13 +480,13 @@ static void bad_reports(void **state)
     twist(mouse, -350);
     sleep_ms(300);
     twist(mouse, 0); // a hand that rests: its edit keeps what it moved
-    for (int i = 0; i < 250 && light_value("rotate_deg", NULL) < 10.1; i++) sleep_ms(20);
+    for (int i = 0; i < PATIENCE && light_value("rotate_deg", NULL) < 10.1; i++) sleep_ms(20);
     assert_true(light_value("rotate_deg", NULL) > 10.1);
     assert_int_equal(mock_counts(mouse).clear_halt, 2);
     // One that never works again is given up; the other one is not disturbed.
     mock_fault(mouse, -EPIPE, 16);
     expect_says("its endpoint stalls 16 times in a row");
-    for (int k = 0; k < 200 && !mock_counts(mouse).attached; k++) sleep_ms(20);
+    for (int k = 0; k < PATIENCE && !mock_counts(mouse).attached; k++) sleep_ms(20);
     assert_int_equal(mock_counts(mouse).attached, 1);
     double angle = light_value("rotate_deg", NULL);
     turn_powermate(mate, 5, false);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Who gets in: the addresses that listen, the Host and Origin that HTTP admits, WebSocket
-// upgrades, and connections that do not say HELLO, do not read, or are too many.
+// upgrades, and connections that do not say HELLO, do not read, or are too many. Above 600
+// lines: a list of attacks, each read alone.
 #include "daemon.h"
 
 #include "core/options.h"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What a client may hold and say: frames in orders that no client library sends, requests,
-// views, bytes and answers beyond their limits, and text that is no text.
+// views, bytes and answers beyond their limits, and text that is no text. Above 600 lines: a
+// list of limits, each read alone.
 #include "frames.h"
 #include "lone_daemon.h"
 
@@ -43,7 +44,7 @@ static long settled_kb(void)
     return kb;
 }
 
-// ---- the order of what is said of views
+// ---- the order of messages about views
 
 // Takes a worker some 0.1 s to work out; another text each time.
 static char *slow_material(void)
@@ -188,7 +189,7 @@ static void test_cancel_the_oldest_job(void **state)
     end();
 }
 
-// ---- what a client may hold
+// ---- bytes that a client holds
 
 static void add_watch(struct frames *f, uint64_t id, const char *job)
 {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The registry: files of --models and their copies, ids and names, who pays for files, and
 // which of them go when there is no room. Each test has a daemon and a data folder of its own;
-// the octahedron is baked once.
+// the octahedron is baked once. Above 600 lines: a list of scenarios, each read alone.
 #include "ask.h"
 
 #include <dirent.h>
@@ -557,7 +557,7 @@ static void test_earlier_data_folder(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// ---- what a LOAD may say
+// ---- LOAD requests that are refused
 
 static void test_bake_env_is_no_path(void **state)
 {

@@ -272,7 +272,7 @@ static struct relight_client *routed(const char *address, const char *route)
     return client;
 }
 
-// Whoever is asked, a route leads to one replica; both have some. Where that one is gone, the
+// Every replica names the same replica for a route; both have some. Where that one is gone, the
 // other serves.
 static void routes_choose_a_replica(void **state)
 {

@@ -92,8 +92,23 @@ def tube(rings, sides):
     return position, normal, triangle
 
 
-def bar(bits=8, mode='LINEAR', weight=1, node_translation=(0, 0, 0)):
-    """Two bones: the lower one rests, the upper one, whose joint is at y = 10, turns by 90 degrees."""
+def slide():
+    """A ball whose x is t^3 and whose y falls by t, as a spline with tangents between two keys."""
+    model = Model()
+    position, triangle = candle.ball((0, 0, 0), (1, 1, 1), 5)
+    model.mesh(position, triangle)
+    model.data['nodes'] = [{'mesh': 0}]
+    values = []
+    for t in (1.0, 3.0):
+        tangent = (3 * t * t, -1, 0)
+        values += [tangent, (t ** 3, -t, 0), tangent]
+    model.animate('slide', 0, 'translation', [1.0, 3.0], values, 'VEC3', 'CUBICSPLINE')
+    return model
+
+
+def bar(bits=8, mode='LINEAR', weight=1, node_translation=(0, 0, 0), negative=False):
+    """Two bones: the lower one rests, the upper one, whose joint is at y = 10, turns by 90 degrees. negative: its
+    last quaternion has the other sign."""
     model = Model()
     position, normal, triangle = tube(8, 8)
     upper = [min(max((p[1] - 7.5) / 5, 0), 1) for p in position]
@@ -108,6 +123,8 @@ def bar(bits=8, mode='LINEAR', weight=1, node_translation=(0, 0, 0)):
     model.data['scenes'][0]['nodes'] = [0, 2]
     model.data['skins'] = [{'joints': [0, 1], 'inverseBindMatrices': inverse}]
     a, b, flat = quaternion(0), quaternion(90), (0, 0, 0, 0)
+    if negative:
+        b = tuple(-x for x in b)
     values = [flat, a, flat, flat, b, flat] if mode == 'CUBICSPLINE' else [a, b]
     model.animate('bend', 1, 'rotation', [0.0, 1.0], values, 'VEC4', mode)
     return model

@@ -80,6 +80,25 @@ def bar():
         near([got[1][i] for i in whole], [turn(model.normal[i], (0, 0, 0), 90) for i in whole], 'normals', 1e-3)
 
 
+def long_way():
+    """A quaternion and its negative are one rotation: the shorter way is taken."""
+    model = animated.bar(negative=True)
+    model.write('bar.gltf')
+    for time in (0.25, 0.5, 1):
+        want = [[(1 - u) * x + u * y for x, y in zip(p, turn(p, (0, 10, 0), 90 * time))]
+                for p, u in zip(model.position, model.upper)]
+        near(vertices('bar.gltf', '--animation', 'bend', '--time', str(time))[0], want, 'the shorter way at %g s' % time)
+
+
+def spline():
+    """Hermite splines reproduce cubic polynomials: x = t^3 between keys at 1 and 3 seconds."""
+    model = animated.slide()
+    model.write('slide.gltf')
+    for time in (1, 1.5, 2, 2.75, 3):
+        got = vertices('slide.gltf', '--animation', 'slide', '--time', str(time))
+        near(got[0], [(p[0] + time ** 3, p[1] - time, p[2]) for p in model.position], 'spline at %g s' % time)
+
+
 def morph():
     model = animated.ball_that_grows()
     model.write('grow.gltf')
@@ -165,4 +184,4 @@ def damaged():
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
 
 
-main(bar, morph, nested, tool, damaged)
+main(bar, long_way, spline, morph, nested, tool, damaged)

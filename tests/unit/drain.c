@@ -3,6 +3,7 @@
 // nothing depends on the machine's time.
 #include "core/drain.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -179,6 +180,58 @@ static void many_principals(void **state)
     }
 }
 
+// Law: the speed is measured while the workers are busy: an evaluation that was answered alone,
+// whatever it cost, says nothing about it.
+static void the_speed_is_that_of_busy_workers(void **state)
+{
+    struct drain d;
+    struct drain_item item[8], alone;
+    double now = 0;
+    drain_init(&d, 2);
+    for (int i = 0; i < 1000; i++) { // eight open at each time: two milliseconds of cost in two
+        for (int k = 0; k < 8; k++)
+            drain_begin(&d, &item[k], "a", KIND, WORK_STILL, (uint64_t)now);
+        for (int k = 0; k < 5; k++) {
+            now += 1 * MS;
+            drain_end(&d, &item[k], 1 * MS, (uint64_t)now);
+        }
+        for (int k = 5; k < 8; k++) drain_end(&d, &item[k], -1, (uint64_t)now);
+        drain_begin(&d, &alone, "b", OTHER_KIND, WORK_STILL, (uint64_t)now);
+        drain_end(&d, &alone, 50 * MS, (uint64_t)now);
+    }
+    for (int k = 0; k < 8; k++) drain_begin(&d, &item[k], "a", KIND, WORK_STILL, (uint64_t)now);
+    const double wait = drain_wait_ns(&d, "a", KIND, WORK_STILL);
+    print_message("nine of 1 ms wait %.2f ms\n", wait / MS);
+    assert_true(fabs(wait - 9 * MS) < 0.5 * MS);
+}
+
+// Law: all principals beyond the table share its last place: they wait for each other's work,
+// and nothing behind the table is written.
+static void principals_beyond_the_table(void **state)
+{
+    struct {
+        struct drain drain;
+        uint8_t behind[sizeof(struct drain_flow)];
+    } m;
+    static struct drain_item item[DRAIN_FLOWS + 8];
+    char name[32];
+    drain_init(&m.drain, 1);
+    memset(m.behind, 0x5a, sizeof m.behind);
+    for (int i = 0; i < 2; i++) { // the first of a kind is no measure
+        drain_begin(&m.drain, &item[0], "a", KIND, WORK_STILL, 0);
+        drain_end(&m.drain, &item[0], 1 * MS, 0);
+    }
+    for (unsigned i = 0; i < DRAIN_FLOWS + 8; i++) {
+        snprintf(name, sizeof name, "addr:192.0.2.%u", i);
+        drain_begin(&m.drain, &item[i], name, KIND, WORK_STILL, 0);
+        assert_in_range(item[i].flow - m.drain.flow, 0, DRAIN_FLOWS - 1);
+    }
+    assert_int_equal(m.drain.flow[DRAIN_FLOWS - 1].n_open, 9);
+    for (size_t i = 0; i < sizeof m.behind; i++) assert_int_equal(m.behind[i], 0x5a);
+    // A newcomer waits for at most its own cost of each place.
+    assert_true(drain_wait_ns(&m.drain, "b", KIND, WORK_STILL) == (DRAIN_FLOWS + 1) * MS);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -186,6 +239,8 @@ int main(void)
         cmocka_unit_test(beside_a_greedy_one),
         cmocka_unit_test(kinds_and_classes),
         cmocka_unit_test(many_principals),
+        cmocka_unit_test(the_speed_is_that_of_busy_workers),
+        cmocka_unit_test(principals_beyond_the_table),
     };
     return cmocka_run_group_tests_name("drain", tests, NULL, NULL);
 }

@@ -57,6 +57,26 @@ static void descriptors(void **state)
     assert_true(hid_value(&d, field_of(&d, "button1"), knob, 4, &value) && value == 1);
 }
 
+// Fields beyond the usages of their item take the last one (HID 1.11, 6.2.2.8).
+static void last_usage_repeats(void **state)
+{
+    static const uint8_t report[] = {
+        0x05, 1,   0x09, 0x30, 0x09, 0x31, 0x15, 0,
+        0x25, 100, 0x75, 8,    0x95, 4,    0x81, 2}; // x, y and four bytes
+    struct hid_description d;
+    char fault[HID_FAULT];
+    int64_t value;
+    assert_true(hid_parse(report, sizeof report, &d, fault));
+    assert_int_equal(d.n_field, 4);
+    static const char *const name[] = {"x", "y", "y2", "y3"};
+    const uint8_t bytes[4] = {10, 20, 30, 40};
+    for (uint32_t i = 0; i < 4; i++) {
+        assert_string_equal(d.field[i].name, name[i]);
+        assert_true(hid_value(&d, &d.field[i], bytes, 4, &value));
+        assert_int_equal(value, 10 * (i + 1));
+    }
+}
+
 // Continuous at the end of the dead zone, odd, 1 at full deflection.
 static void curves(void **state)
 {
@@ -162,8 +182,8 @@ static void scenes(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(descriptors), cmocka_unit_test(curves),
-                                       cmocka_unit_test(mapping_files),
-                                       cmocka_unit_test(scenes)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(descriptors), cmocka_unit_test(last_usage_repeats),
+        cmocka_unit_test(curves), cmocka_unit_test(mapping_files), cmocka_unit_test(scenes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Cube geometry, Haar, image files, layouts and file variants. */
+/* Cube geometry, Haar, image files, layouts and file variants. Above 600 lines: a list of laws
+ * and of formats, each read alone. */
 #include "prt/light.h"
 
 #include <math.h>

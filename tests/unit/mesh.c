@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Loading: every kind of file gives the vertices, triangles, objects and normals it should, in
 // the file's order. Small models are written here; the development data are used where present.
+// Above 600 lines: a list of formats, each read alone.
 #include "prt/mesh.h"
 
 #include <math.h>

@@ -66,6 +66,12 @@ def objects():
         _, _, said = summary(name, '--opaque', 'jade')
         expect(summary(name, '--opaque', 'right')[0] == [('wax', True), ('jade', False)], name + ' opaque')
         del said
+    # an object of two materials is one object; two objects of one material are two
+    one = [['o left', 'usemtl wax'], ['usemtl jade']]
+    obj('two.obj', [(one[0], (0, 0, 0)), (one[1], far)])
+    expect(summary('two.obj')[1] == 1, 'one object of two materials')
+    obj('same.obj', [(['o left', 'usemtl wax'], (0, 0, 0)), (['o right', 'usemtl wax'], far)])
+    expect(summary('same.obj')[1] == 2, 'two objects of one material')
     # groups that touch are regions of one body: each may still have its material
     obj('touch.obj', [(['g left', 'usemtl wax'], (0, 0, 0)), (['g right', 'usemtl jade'], (0, 10, 0))])
     surfaces, n, _ = summary('touch.obj')

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // raster/: coverage, barycentrics, hidden surfaces, anti-aliasing, Fresnel, specular, tone map.
+// Above 600 lines: short cases that share small meshes and their camera.
 #include "prt/raster.h"
 
 #include <math.h>

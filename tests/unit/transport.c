@@ -13,6 +13,7 @@
 #include <xxhash.h>
 
 #include "format.h"
+#include "prt/radial.h"
 #include "synthetic.h"
 
 static char folder[64], path[96];
@@ -69,7 +70,7 @@ static void half_floats_are_exact(void **state)
             assert_true(fabsf(prt_f16_to_f32(back[i]) - f[i]) <= fabsf(f[i]) * 0x1p-11f);
 }
 
-enum { N_KIND = 4 };
+enum { N_KIND = PRT_MOST_TENSORS, LEVELS = 4, NODES = 5 };
 static const struct synthetic_options kind[N_KIND] = {
     {.storage = PRT_STORAGE_FACTORED,
      .value = PRT_VALUE_F16,
@@ -107,9 +108,34 @@ static const struct synthetic_options kind[N_KIND] = {
      .n_radial = 6,
      .cube = 16,
      .seed = 4},
+    {.storage = PRT_STORAGE_FACTORED,
+     .coupling = PRT_COUPLE_FULL,
+     .value = PRT_VALUE_I8,
+     .n_vertex = 101,
+     .n_cluster = 2,
+     .rank = 2,
+     .n_phase = 1,
+     .n_radial = 3,
+     .cube = 16,
+     .coefs = 3,
+     .seed = 5},
 };
 
 static struct prt_material medium; // of the transport that make() makes
+
+// The basis of walks: a grid of levels and nodes, and combinations of its media.
+static void make_walks(struct prt_tensor *t)
+{
+    float *knot = prt_calloc(LEVELS + NODES, 4);
+    float *basis = prt_calloc((size_t)t->n_radial * LEVELS * NODES, 4);
+    for (int i = 0; i < LEVELS; i++) knot[i] = 0.1f * (float)(i + 1);
+    for (int i = 0; i < NODES; i++) knot[LEVELS + i] = 0.3f * (float)i;
+    for (int i = 0; i < 3 * LEVELS * NODES; i++) basis[i] = (float)i;
+    t->basis_kind = PRT_RADIAL_WALK;
+    t->n_knot = LEVELS + NODES;
+    t->knot = knot;
+    t->basis = basis;
+}
 
 static void make(struct prt_transport *t)
 {
@@ -131,6 +157,7 @@ static void make(struct prt_transport *t)
     t->tensor[3].n_knot = 5;
     t->tensor[3].knot = knot;
     t->tensor[3].basis = basis;
+    make_walks(&t->tensor[4]);
     t->settings = "{\"rank\":5}";
     t->errors = "{}";
     t->mesh_hash = 0x123456789abcdef;
@@ -191,7 +218,9 @@ static void what_is_written_comes_back(void **state)
         same(r->direction, s->direction, d ? 4 * (r->n_row + 1) : 0);
         same(r->value_begin, s->value_begin, d ? 8 * (r->n_row + 1) : 0);
         same(r->scaling, s->scaling, 12 * j * r->n_row);
-        same(x->basis, y->basis, x->n_knot * x->n_radial * 4);
+        assert_int_equal(x->basis_kind, y->basis_kind);
+        same(x->knot, y->knot, 4ull * x->n_knot);
+        if (x->n_knot) same(x->basis, y->basis, 4ull * prt_tensor_basis_width(x) * x->n_radial);
         assert_true(x->n_phase == y->n_phase && x->storage == y->storage &&
                     x->coupling == y->coupling && x->term == y->term && r->n_coef == s->n_coef);
     }
@@ -297,13 +326,14 @@ static void forged_headers_are_refused(void **state)
 
 // Damages, each with a part of the message that refuses it: a damage that another check refuses
 // first would prove nothing about its own. M: the mesh; A factored halves, S sparse bytes, F
-// low-rank rows, P polynomial; C, Q clusters of A and P. Bounds are broken by one.
+// low-rank rows, P polynomial, K walks; C, Q clusters of A and P. Bounds are broken by one.
 #define W(type, p) ((type *)(uintptr_t)(p))
 #define M (&t->mesh)
 #define A (&t->tensor[0])
 #define S (&t->tensor[1])
 #define F (&t->tensor[2])
 #define P (&t->tensor[3])
+#define K (&t->tensor[4])
 #define C W(struct prt_cluster, A->cluster)
 #define Q W(struct prt_cluster, P->cluster)
 #define ROWS_DAMAGES(X)                                                               \
@@ -393,7 +423,7 @@ static void forged_headers_are_refused(void **state)
     X(media_past, "65 media", t->media.n = PRT_MEDIA_MAX + 1)                        \
     X(media_unmapped, "2 media", t->media.n = 2)                                     \
     X(tensors_none, "0 tensors", t->n_tensor = 0)                                    \
-    X(tensors_past, "5 tensors", t->n_tensor = 5)                                    \
+    X(tensors_past, "6 tensors", t->n_tensor = PRT_MOST_TENSORS + 1)                 \
     X(engine, "unknown engine 3", t->engine = PRT_TRANSPORT_JOINT + 1)               \
     X(term, "unknown kind of transport", A->term = PRT_TERM_VIEW + 1)                \
     X(storage, "unknown kind of transport", A->storage = PRT_STORAGE_RADIAL + 1)     \
@@ -414,7 +444,23 @@ static void forged_headers_are_refused(void **state)
     X(knots_many, "basis is damaged", P->n_knot = (1u << 24) + 1)                    \
     X(knots_missing, "basis is damaged", P->knot = NULL)
 
-#define DAMAGES(X) ROWS_DAMAGES(X) CLUSTER_DAMAGES(X) MESH_DAMAGES(X) SHAPE_DAMAGES(X)
+#define WALK_DAMAGES(X)                                                               \
+    X(levels_order, "without a grid", W(float, K->knot)[1] = K->knot[0])              \
+    X(levels_negative, "without a grid", W(float, K->knot)[0] = -1)                   \
+    X(levels_few, "without a grid", W(float, K->knot)[3] = 0)                         \
+    X(nodes_order, "without a grid", W(float, K->knot)[7] = K->knot[8])               \
+    X(nodes_past, "without a grid", W(float, K->knot)[8] = 1e6f)                      \
+    X(nodes_nan, "without a grid", W(float, K->knot)[8] = NAN)                        \
+    X(nodes_few, "without a grid", K->n_knot = LEVELS + 3)                            \
+    X(node_zero, "without a grid", W(float, K->knot)[LEVELS] = 1e-3f)                 \
+    X(walks_nan, "basis is not finite", W(float, K->basis)[59] = NAN)                 \
+    X(walks_missing, "basis is damaged", K->basis = NULL)                             \
+    X(walks_term, "walks are of multiple scattering", K->term = PRT_TERM_UNSCATTERED) \
+    X(walks_kind, "an unknown kind", K->basis_kind = PRT_RADIAL_WALK + 1)             \
+    X(walks_as_radii, "does not ascend", K->basis_kind = PRT_RADIAL_REDUCED)
+
+#define DAMAGES(X) \
+    ROWS_DAMAGES(X) CLUSTER_DAMAGES(X) MESH_DAMAGES(X) SHAPE_DAMAGES(X) WALK_DAMAGES(X)
 
 #define X(name, message, ...)                          \
     static void damage_##name(struct prt_transport *t) \
@@ -437,6 +483,7 @@ static const struct {
 #undef S
 #undef F
 #undef P
+#undef K
 #undef C
 #undef Q
 

@@ -4,7 +4,8 @@
  *
  * Thread-safety: a relight_client is Safe: any number of threads may call any functions on it
  * at once, each waiting for its own answers; there is no hidden thread. Exceptions are named
- * below. Functions block unless their text says otherwise. SIGPIPE is never raised.
+ * below. Functions block unless their text says otherwise. SIGPIPE is never raised. Above 600
+ * lines: the one header of the library; two thirds of it are the contracts of its functions.
  *
  * Returns: 0, or a negative enum relight_code with `*error` (may be NULL) filled; outputs are
  * untouched then. Strings and arrays inside an output belong to it until its _finish call.
@@ -742,8 +743,8 @@ struct relight_colors_request {
     enum relight_priority priority;
     const char *pose;   /* of relight_put_pose; NULL: the model's vertices as they are */
     uint32_t most_rank; /* RELIGHT_COLOR_COEFFICIENTS: rows of each cluster, 0: all */
-    /* What depends on the view is sent apart: the phases behind the first of coefficients, and
-     * colours in parts (relight_colors.n_part) */
+    /* Parts that depend on the view are sent apart: of coefficients the phases behind the
+     * first, of colours the planes (relight_colors.n_part) */
     bool phases;
 };
 enum { RELIGHT_MOST_LAYERS = 4, RELIGHT_MOST_PHASES = 16, RELIGHT_MOST_RANK = 1 << 20 };
@@ -1151,7 +1152,7 @@ struct relight_medium {
     float mean_free_path_mm[3]; /* 1 / (sigma_s' + sigma_a) */
     float sigma_t[3];           /* [mm^-1] sigma_s' / (1 - g) + sigma_a */
     float g[3], eta, roughness;
-    size_t n_warning; /* what the conversion of a file lost */
+    size_t n_warning; /* one for each property of the file that the medium does not keep */
     const char *const *warning;
     void *owner;
 };

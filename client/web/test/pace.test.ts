@@ -68,6 +68,15 @@ test("a link that has become wide again carries whole frames again", () => {
   expect(pace.outstanding).toBe(1);
 });
 
+test("a hand that begins to move measures the link anew", () => {
+  const pace = new Pace();
+  for (let i = 0; i < 3; i++) pace.answered(30, 0);
+  expect(pace.outstanding).toBe(1);
+  pace.began();
+  for (let i = 0; i < 3; i++) pace.answered(160, 0);
+  expect(pace.outstanding).toBe(3);
+});
+
 test("answers of an earlier level say nothing; colours have one level", () => {
   const pace = new Pace();
   for (let i = 0; i < 3; i++) pace.answered(400, 0);

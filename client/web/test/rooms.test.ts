@@ -5,6 +5,7 @@ import { SeenSchema, SurfacePointSchema } from "../src/gen/relight_pb";
 import { anchorOf, fitsMesh, nearestInTriangle, sameMesh } from "../src/room/anchor";
 import { pick, project } from "../src/room/pick";
 import { placedOf } from "../src/room/convert";
+import { builtinFile, rgbe } from "../src/room/hdr";
 import type { Placed, Vec3 } from "../src/scene/camera";
 import type { Mesh } from "../src/scene/geometry";
 
@@ -75,6 +76,21 @@ describe("points of a surface", () => {
 
   test("a camera without an eye is not placed", () => {
     expect(placedOf(undefined)).toBeNull();
+  });
+});
+
+describe("lights of the page as files", () => {
+  test("three mantissas share an exponent", () => {
+    expect(rgbe([1, 0.5, 0.25])).toEqual([128, 64, 32, 129]);
+    expect(rgbe([0, 0, 0])).toEqual([0, 0, 0, 0]);
+    for (const x of [1e-3, 0.7, 0.999, 3, 1000]) {
+      const [mantissa, , , exponent] = rgbe([x, 0, 0]);
+      const back = ((mantissa + 0.5) / 256) * 2 ** (exponent - 128);
+      expect(Math.abs(back / x - 1)).toBeLessThan(1 / 256);
+    }
+  });
+  test("a light that the page does not have has no file", () => {
+    expect(builtinFile("page:none")).toBeNull();
   });
 });
 

@@ -84,7 +84,7 @@ struct prt_term_input {
     const uint8_t *dark;      /* [n_cluster] not 0: adds nothing to this cluster; NULL: none */
     uint32_t most_rank;       /* FACTORED: only the first rows of each cluster; 0: all */
 };
-enum { PRT_MOST_PARTS = 4 };
+enum { PRT_MOST_PARTS = PRT_MOST_TENSORS };
 
 /* color[k][n_vertex][3] = the sum over the inputs of their plane k, k < n_plane in [1,16],
  * overwritten; further planes are not computed. All tensors are of one model. Materials are

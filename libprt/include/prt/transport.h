@@ -133,6 +133,10 @@ uint32_t prt_tensor_basis_width(const struct prt_tensor *tensor);
 enum { PRT_U_MOST = 1 << 14 };
 #define PRT_U_UNIT 0x1p-20f
 
+/* Of a joint bake by walks: multiple scattering, opaque surfaces, unscattered light, single
+ * scattering and its planes of exit. */
+enum { PRT_MOST_TENSORS = 5 };
+
 /* The content of a .prt. Arrays are borrowed: from the file's map (prt_file_open) or from the
  * memory of whoever made them (prt_file_write). */
 struct prt_transport {
@@ -141,7 +145,7 @@ struct prt_transport {
     uint32_t cube;          /* n of the wavelet cubemap */
     uint32_t engine;        /* enum prt_transport_kind */
     uint32_t n_tensor;
-    struct prt_tensor tensor[4];
+    struct prt_tensor tensor[PRT_MOST_TENSORS];
     const char *settings; /* JSON text: bake settings, provenance, versions, times */
     const char *errors;   /* JSON text: measured errors against the reference */
     uint64_t mesh_hash;   /* of the mesh content (positions, triangles, blocks) */
@@ -156,7 +160,7 @@ enum { PRT_FILE_VERSION = 2 }; /* of the .prt format that this library reads and
 
 /* Writes a .prt: little-endian, versioned, 64-byte aligned sections, each with an XXH3
  * checksum. The file appears whole or not at all (prt_writer). Blocks. PRT_FORMAT: the
- * transport would be refused when it is opened; PRT_IO; PRT_ARG: more than 4 tensors. */
+ * transport would be refused when it is opened; PRT_IO; PRT_ARG: more than PRT_MOST_TENSORS. */
 int prt_file_write(const struct prt_context *ctx, const char *path,
                    const struct prt_transport *transport);
 

@@ -23,7 +23,7 @@ void prt_walk_grid_default(struct prt_walk_grid *grid);
 /* The grid from its axes, [n_level] and then [n_node], as a .prt has them: the second begins
  * with the first 0. PRT_FORMAT unless both ascend and have 4 to the most above. */
 int prt_walk_grid_from_axes(uint32_t n, const float *axes, struct prt_walk_grid *grid);
-/* What a medium of one channel answers is the sum of weight [n_level * n_node] times the
+/* The answer of a medium of one channel is the sum of weight [n_level * n_node] times the
  * answers of the grid's media: a cubic spline over ln sigma_s' times a combination of
  * e^(-sigma_a L) over the nodes. Both coefficients are held inside the grid; the weights are
  * continuous in them. *error: the share of light that the interpolation misplaces, by the

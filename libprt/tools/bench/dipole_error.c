@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// What the dipole costs: its multiple scattering from that of random walks (METHODS §9), for
-// the measured media on a ball, a slab, a leaf and --model at 50 mm, under even light. Two sets
-// of walks differ in their noise alone: the product of the differences from both holds neither.
+// The error of the dipole: its multiple scattering against that of random walks (METHODS §9),
+// for the measured media on a ball, a slab, a leaf and --model at 50 mm, under even light. Two
+// sets of walks differ in their noise alone: the product of the differences from both holds
+// neither.
 #include "bench.h"
 
 #include "prt/reference.h"

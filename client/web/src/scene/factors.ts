@@ -5,13 +5,11 @@ import {
   BufferAttribute,
   BufferGeometry,
   Camera,
-  CustomBlending,
   DataTexture,
   GLSL3,
   HalfFloatType,
   Mesh as ThreeMesh,
   NearestFilter,
-  OneFactor,
   RawShaderMaterial,
   RGBAFormat,
   RGBAIntegerFormat,
@@ -25,6 +23,7 @@ import {
   type TextureDataType,
   type WebGLRenderer,
 } from "three";
+import { ADDITIVE } from "./additive";
 import { Term, type Coefficients, type FactorsAnswer } from "../gen/relight_pb";
 import { halves, shorts, words } from "../protocol/frame";
 import { rowsOf, type VertexTexture } from "./vertex-colors";
@@ -130,12 +129,7 @@ export class Factors {
       vertexShader: factorVertex,
       fragmentShader: factorFragment,
       defines: { FACTOR_WIDTH: `${FACTOR_WIDTH}u`, ROW_WIDTH: `${ROW_WIDTH}u` },
-      depthTest: false,
-      depthWrite: false,
-      transparent: true,
-      blending: CustomBlending,
-      blendSrc: OneFactor,
-      blendDst: OneFactor,
+      ...ADDITIVE,
       uniforms: {
         factors: { value: null },
         places: { value: null },

@@ -110,7 +110,7 @@ export class MapTextures {
   }
 }
 
-/** What the shader of one surface is made with. */
+/** The inputs of one surface's shader. */
 export interface SurfaceLook {
   /** Sets of texture coordinates that its maps use, at most five. */
   uvSets: number[];

@@ -5,14 +5,12 @@ import {
   BufferAttribute,
   BufferGeometry,
   Camera,
-  CustomBlending,
   DataUtils,
   DoubleSide,
   GLSL3,
   HalfFloatType,
   Mesh as ThreeMesh,
   NearestFilter,
-  OneFactor,
   RawShaderMaterial,
   RGBAFormat,
   Scene,
@@ -21,6 +19,7 @@ import {
   type PerspectiveCamera,
   type WebGLRenderer,
 } from "three";
+import { ADDITIVE } from "./additive";
 
 const vertex = /* glsl */ `
 precision highp float;
@@ -72,12 +71,7 @@ export class Thickness {
     vertexShader: vertex,
     fragmentShader: fragment,
     side: DoubleSide,
-    depthTest: false,
-    depthWrite: false,
-    transparent: true,
-    blending: CustomBlending,
-    blendSrc: OneFactor,
-    blendDst: OneFactor,
+    ...ADDITIVE,
     uniforms: { eye: { value: new Vector3() }, far: { value: 0 }, mm: { value: 1 } },
   });
   private readonly screen: RawShaderMaterial;
@@ -145,7 +139,7 @@ export class Thickness {
     renderer.render(this.all, new Camera());
   }
 
-  /** What was drawn last, in mm, bottom row first; NaN beside the model and where it is open. */
+  /** The thickness drawn last, in mm, bottom row first; NaN beside the model and where it is open. */
   read(renderer: WebGLRenderer): Float32Array {
     const { target } = this;
     if (!target) return new Float32Array(0);

@@ -13,7 +13,7 @@ import { ColorFormat, type ColorsAnswer } from "../gen/relight_pb";
 import { halves, words } from "../protocol/frame";
 import { VERTEX_WIDTH } from "./shaders";
 
-/** What the surface is shaded from. */
+/** A texture of the vertices' colours. */
 export interface VertexTexture {
   texture: Texture;
   /** Layers: M, and S_0 and on where single scattering comes apart. */
