@@ -155,15 +155,15 @@ static double error_from(const float *got, const float *a, const float *b, size_
 // sums under a light.
 static void add_to_sums(struct examination *e, bool single, unsigned light)
 {
-    float *got = e->sum_got[light][0];
+    const float *got = e->got[0], *want[2] = {e->want[0][light][0], e->want[1][light][0]};
+    float *sum = e->sum_got[light][0];
+    float *sums[2] = {e->sum_want[0][light][0], e->sum_want[1][light][0]};
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
         const float gain = single ? e->divisor[i / 3] : 1;
-        got[i] += gain * e->got[0][i];
-        for (unsigned k = 0; k < 2; k++)
-            e->sum_want[k][light][0][i] += gain * e->want[k][light][0][i];
+        sum[i] += gain * got[i];
+        for (unsigned k = 0; k < 2; k++) sums[k][i] += gain * want[k][i];
     }
-    e->together[light] =
-        error_from(got, e->sum_want[0][light][0], e->sum_want[1][light][0], (size_t)e->n * 3);
+    e->together[light] = error_from(sum, sums[0], sums[1], (size_t)e->n * 3);
 }
 
 // The bake's answer for medium m under a light, beside the references'.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A pool of threads that share loops. An atomic counter hands out the pieces of a loop. The
-// caller works on its own loop; idle workers join any open loop.
+// caller works on its own loop; idle workers join any open loop while fewer threads than the
+// pool has are at work: callers of several loops take the cores themselves.
 #include "prt/base.h"
 
 #include <pthread.h>
@@ -26,9 +27,13 @@ struct prt_pool {
     pthread_cond_t work, idle;
     struct loop *open;
     unsigned n_thread; // workers + the caller
+    unsigned n_busy;   // callers and workers in loops; a caller that waits for a worker is not
     bool stopping;
     pthread_t *thread;
 };
+
+// Loops that the thread is in: of those within each other the first counts as busy.
+static _Thread_local unsigned depth;
 
 struct worker {
     struct prt_pool *pool;
@@ -72,15 +77,19 @@ static void *worker_main(void *arg)
     for (;;) {
         struct loop *loop = pool->open;
         while (loop && atomic_load(&loop->piece) >= loop->n_piece) loop = loop->next;
-        if (!loop) {
+        if (!loop || pool->n_busy >= pool->n_thread) {
             if (pool->stopping) break;
             pthread_cond_wait(&pool->work, &pool->lock);
             continue;
         }
         loop->helpers++;
+        pool->n_busy++;
         pthread_mutex_unlock(&pool->lock);
+        depth++;
         help(loop, self.index);
+        depth--;
         pthread_mutex_lock(&pool->lock);
+        pool->n_busy--;
         loop->helpers--;
         pthread_cond_broadcast(&pool->idle);
     }
@@ -169,8 +178,10 @@ int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n,
         pthread_mutex_lock(&pool->lock);
         loop.next = pool->open;
         pool->open = &loop;
-        pthread_cond_broadcast(&pool->work);
+        pool->n_busy += !depth;
+        if (pool->n_busy < pool->n_thread) pthread_cond_broadcast(&pool->work);
         pthread_mutex_unlock(&pool->lock);
+        depth++;
     }
     double started = prt_time_s(), last = started;
     size_t piece;
@@ -180,7 +191,10 @@ int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n,
         if (status) atomic_compare_exchange_strong(&loop.status, &ok, status);
     }
     if (shared) {
+        depth--;
         pthread_mutex_lock(&pool->lock);
+        pool->n_busy -= !depth;
+        if (loop.next || pool->open != &loop) pthread_cond_signal(&pool->work);
         while (loop.helpers || atomic_load(&loop.done) < loop.n_piece)
             pthread_cond_wait(&pool->idle, &pool->lock);
         struct loop **at = &pool->open;

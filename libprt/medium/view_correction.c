@@ -53,24 +53,58 @@ float prt_view_slope(double eta)
     return slope_of(eta, &lowest);
 }
 
-// Planes 0 to 3 of one vertex and channel: c + d.w becomes (1 + s - s n.w)(c + d.w), where
-// (n.w)^2 is taken as linear in n.w and the tangential part of d keeps the mean of n.w.
-static void correct(const struct correction *k, const float n[3], float *p[4])
+// The values of up to SOME vertices one behind the other, channel by channel: plain loops over
+// them become vector instructions.
+enum { SOME = 32, VALUES = 3 * SOME };
+
+struct normals {
+    float along[3][VALUES]; // x, y, z of each value's vertex
+};
+
+static void spread_normals(const float (*normal)[3], size_t n, struct normals *out)
+{
+    for (size_t i = 0; i < n; i++)
+        for (int axis = 0; axis < 3; axis++)
+            for (size_t ch = 0; ch < 3; ch++) out->along[axis][3 * i + ch] = normal[i][axis];
+}
+
+// Even light: planes 0 to 3 from plane 0.
+static void correct_even(const struct correction *k, const struct normals *normals, size_t n,
+                         float *p[4])
 {
     static const int axis[3] = {1, 2, 0}; // of planes 1 to 3
-    const float s = k->slope, mean = 0.5f * (1 + k->lowest);
-    float c = *p[0], d[3] = {0}, along = 0;
-    for (int i = 0; i < 3 && k->n_phase > 1; i++) {
-        d[axis[i]] = C1 * *p[i + 1];
-        along += d[axis[i]] * n[axis[i]];
+    const float s = k->slope;
+    for (int plane = 0; plane < 3; plane++) {
+        const float *restrict normal = normals->along[axis[plane]], *restrict c = p[0];
+        float *restrict out = p[plane + 1];
+        for (size_t i = 0; i < n; i++) out[i] = -(s * c[i] * normal[i]) / C1;
     }
-    *p[0] = (1 + s) * c + s * k->lowest * along;
-    for (int i = 0; i < 3; i++) {
-        const int a = axis[i];
-        const float tangent = d[a] - along * n[a];
-        const float v = (1 + s) * d[a] - s * c * n[a] - s * (1 + k->lowest) * along * n[a] -
-                        s * mean * tangent;
-        *p[i + 1] = v / C1;
+    for (size_t i = 0; i < n; i++) p[0][i] *= 1 + s;
+}
+
+// Planes 0 to 3: c + d.w becomes (1 + s - s n.w)(c + d.w), where (n.w)^2 is taken as linear in
+// n.w and the tangential part of d keeps the mean of n.w.
+static void correct(const struct correction *k, const struct normals *normals, size_t n,
+                    float *p[4])
+{
+    const float s = k->slope, lowest = k->lowest, mean = 0.5f * (1 + lowest);
+    const float *restrict nx = normals->along[0], *restrict ny = normals->along[1],
+                          *restrict nz = normals->along[2];
+    float *restrict p0 = p[0], *restrict py = p[1], *restrict pz = p[2], *restrict px = p[3];
+    for (size_t i = 0; i < n; i++) {
+        const float c = p0[i], y = C1 * py[i], z = C1 * pz[i], x = C1 * px[i];
+        const float along = y * ny[i] + z * nz[i] + x * nx[i];
+        const float by_normal = s * c, by_along = s * (1 + lowest) * along;
+        p0[i] = (1 + s) * c + s * lowest * along;
+        py[i] = ((1 + s) * y - by_normal * ny[i] - by_along * ny[i] -
+                 s * mean * (y - along * ny[i])) /
+                C1;
+        pz[i] = ((1 + s) * z - by_normal * nz[i] - by_along * nz[i] -
+                 s * mean * (z - along * nz[i])) /
+                C1;
+        px[i] = ((1 + s) * x - by_normal * nx[i] - by_along * nx[i] -
+                 s * mean * (x - along * nx[i])) /
+                C1;
     }
 }
 
@@ -79,13 +113,16 @@ static int correct_range(void *arg, size_t from, size_t to, unsigned worker)
     const struct correction *k = arg;
     const size_t size = (size_t)3 * k->n_vertex;
     const float rest = 1 + k->slope * (1 - k->lowest) / 2; // of higher degrees
-    for (size_t v = k->begin + from; v < k->begin + to; v++)
-        for (size_t ch = 0; ch < 3; ch++) {
-            float *p[4];
-            for (size_t i = 0; i < 4; i++) p[i] = k->planes + i * size + 3 * v + ch;
-            correct(k, k->normal[v], p);
-            for (size_t i = 4; i < k->n_plane; i++) k->planes[i * size + 3 * v + ch] *= rest;
-        }
+    struct normals normals;
+    for (size_t v = k->begin + from, n; v < k->begin + to; v += n) {
+        float *p[4];
+        n = k->begin + to - v < SOME ? k->begin + to - v : SOME;
+        for (size_t i = 0; i < 4; i++) p[i] = k->planes + i * size + 3 * v;
+        spread_normals(k->normal + v, n, &normals);
+        (k->n_phase > 1 ? correct : correct_even)(k, &normals, 3 * n, p);
+        for (size_t plane = 4; plane < k->n_plane; plane++)
+            for (size_t i = 0; i < 3 * n; i++) k->planes[plane * size + 3 * v + i] *= rest;
+    }
     return PRT_OK;
 }
 

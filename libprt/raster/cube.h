@@ -31,6 +31,9 @@ bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
 enum { SPECULAR_LEVELS = 6, SPECULAR_SIDE = 32 };
 struct prt_specular {
     struct border_cube level[SPECULAR_LEVELS];
+    /* the levels one after another in its texels, all of SPECULAR_SIDE: a surface whose
+     * roughness varies reads between two */
+    struct border_cube stack;
 };
 #define SPECULAR_ROUGH_0 0.0f
 #define SPECULAR_ROUGH_1 0.15f
@@ -56,8 +59,8 @@ static inline unsigned specular_level(float roughness, float *share)
     *share = f < 1 ? f : 1;
     return (unsigned)k;
 }
-/* The levels one after another in out->texel, all of SPECULAR_SIDE: a surface whose roughness
- * varies reads between two. false without memory. */
-bool prt_specular_stack(const struct prt_specular *specular, struct border_cube *out);
+enum { SPECULAR_LEVEL_FLOATS = 6 * (SPECULAR_SIDE + 2) * (SPECULAR_SIDE + 2) * 4 };
+/* Fills `stack` from the levels; false without memory. */
+bool prt_specular_stack(struct prt_specular *specular);
 
 #endif

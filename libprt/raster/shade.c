@@ -140,7 +140,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     float *of_block = surface_of_blocks(vis, s);
     struct prt_image image = {vis->width, vis->height, NULL, NULL};
     if (!s->rgb8) image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
-    struct border_cube lobe = {0}, sky = {0};
+    struct border_cube sky = {0};
     struct cube_view specular, background;
     if (s->transparent)
         image.alpha = prt_alloc((size_t)vis->width * vis->height, sizeof(float));
@@ -171,10 +171,9 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->plain[i] = s->transparent ? 0 : s->background_rgb[i];
     }
     if (good && s->specular) {
-        good = prt_specular_stack(s->specular, &lobe);
-        specular = view_bordered(&lobe);
+        specular = view_bordered(&s->specular->stack);
         job->specular = &specular;
-        job->level_floats = 6 * specular.face;
+        job->level_floats = SPECULAR_LEVEL_FLOATS;
     }
     if (good && s->background && !s->transparent) {
         bool small = s->background->n <= SMALL_BACKGROUND;
@@ -191,7 +190,6 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     int status = good ? prt_parallel_for(ctx, NULL, vis->height, 8, shade_rows, job)
                       : prt_fail(ctx, PRT_NOMEM, "shade: no memory for %ux%u pixels",
                                  vis->width, vis->height);
-    prt_border_cube_finish(&lobe);
     prt_border_cube_finish(&sky);
     prt_free(of_block);
     if (status) {

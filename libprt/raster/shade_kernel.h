@@ -81,20 +81,47 @@ PRT_KERNEL(fetch4)(const float *texel, const struct lookup *at, int i)
     return sum + w11 * PRT_KERNEL(load4)(texel + at->i11[i]);
 }
 
+/* a b + c, in one rounding where the instruction set has that. */
+static inline __attribute__((always_inline)) four PRT_KERNEL(add_product)(float a, four b,
+                                                                          four c)
+{
+#if PRT_ISA_LANES > 4
+    return (four)_mm_fmadd_ps(_mm_set1_ps(a), (__m128)b, (__m128)c);
+#else
+    return a * b + c;
+#endif
+}
+
+/* The same of texels of three floats. `whole`: a fourth can be read behind each. */
+static inline __attribute__((always_inline)) four PRT_KERNEL(fetch3)(const float *texel,
+                                                                     const struct lookup *at,
+                                                                     int i, size_t last,
+                                                                     const bool whole)
+{
+    float fx = at->fx[i], fy = at->fy[i];
+    float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
+    if (whole) last = SIZE_MAX;
+    four sum = w00 * PRT_KERNEL(load3)(texel, (size_t)at->i00[i], last);
+    sum = PRT_KERNEL(add_product)(w10, PRT_KERNEL(load3)(texel, (size_t)at->i10[i], last), sum);
+    sum = PRT_KERNEL(add_product)(w01, PRT_KERNEL(load3)(texel, (size_t)at->i01[i], last), sum);
+    return PRT_KERNEL(add_product)(w11, PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last),
+                                   sum);
+}
+
 static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
                                    const struct lookup *restrict at, four *restrict rgb)
 {
     const float *texel = cube->texel;
-    const size_t last = (size_t)(6 * cube->face - 4);
-    for (int i = 0; cube->texel_floats == 4 && i < n; i++)
-        rgb[i] = PRT_KERNEL(fetch4)(texel, at, i);
-    for (int i = 0; cube->texel_floats == 3 && i < n; i++) {
-        float fx = at->fx[i], fy = at->fy[i];
-        float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
-        four sum = w00 * PRT_KERNEL(load3)(texel, (size_t)at->i00[i], last);
-        sum += w10 * PRT_KERNEL(load3)(texel, (size_t)at->i10[i], last);
-        sum += w01 * PRT_KERNEL(load3)(texel, (size_t)at->i01[i], last);
-        rgb[i] = sum + w11 * PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last);
+    const int last = 6 * cube->face - 4;
+    int most = 0; /* the last of the four texels is behind the others */
+    for (int i = 0; i < n; i++) most = at->i11[i] > most ? at->i11[i] : most;
+    if (cube->texel_floats == 4) {
+        for (int i = 0; i < n; i++) rgb[i] = PRT_KERNEL(fetch4)(texel, at, i);
+    } else if (most <= last) {
+        for (int i = 0; i < n; i++) rgb[i] = PRT_KERNEL(fetch3)(texel, at, i, 0, true);
+    } else {
+        for (int i = 0; i < n; i++)
+            rgb[i] = PRT_KERNEL(fetch3)(texel, at, i, (size_t)last, false);
     }
 }
 

@@ -473,6 +473,7 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
         }
         status = prt_parallel_for(ctx, NULL, rows, 64, apply_rows, &job);
         for (unsigned k = 0; k < N_LEVEL; k++) prt_border_cube_seal(&s->level[k]);
+        if (!status && !prt_specular_stack(s)) status = PRT_NOMEM;
     }
     prt_free(base);
     prt_free(half);
@@ -487,7 +488,8 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
 
 size_t prt_specular_bytes(void)
 {
-    size_t n = sizeof(struct prt_specular);
+    size_t n = sizeof(struct prt_specular) +
+               (size_t)SPECULAR_LEVELS * SPECULAR_LEVEL_FLOATS * sizeof(float);
     for (unsigned k = 0; k < N_LEVEL; k++)
         n += (size_t)6 * (level_shape[k].n + 2) * (level_shape[k].n + 2) * 4 * sizeof(float);
     return n;
@@ -496,6 +498,7 @@ size_t prt_specular_bytes(void)
 void prt_specular_destroy(struct prt_specular *s)
 {
     for (unsigned k = 0; s && k < N_LEVEL; k++) prt_border_cube_finish(&s->level[k]);
+    if (s) prt_border_cube_finish(&s->stack);
     prt_free(s);
 }
 

@@ -54,15 +54,15 @@ static void enlarge(const struct border_cube *level, struct border_cube *out)
     }
 }
 
-bool prt_specular_stack(const struct prt_specular *s, struct border_cube *out)
+bool prt_specular_stack(struct prt_specular *s)
 {
-    const size_t level = (size_t)6 * (SIDE + 2) * (SIDE + 2) * 4;
     pthread_once(&once, make_places);
-    *out = (struct border_cube){SIDE, prt_calloc(SPECULAR_LEVELS * level, sizeof(float))};
-    for (unsigned k = 0; out->texel && k < SPECULAR_LEVELS; k++) {
-        struct border_cube own = {SIDE, out->texel + k * level};
+    s->stack = (struct border_cube){
+        SIDE, prt_calloc((size_t)SPECULAR_LEVELS * SPECULAR_LEVEL_FLOATS, sizeof(float))};
+    for (unsigned k = 0; s->stack.texel && k < SPECULAR_LEVELS; k++) {
+        struct border_cube own = {SIDE, s->stack.texel + (size_t)k * SPECULAR_LEVEL_FLOATS};
         enlarge(&s->level[k], &own);
         prt_border_cube_seal(&own);
     }
-    return out->texel != NULL;
+    return s->stack.texel != NULL;
 }

@@ -786,9 +786,8 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
 }
 
 // Shades vertices [begin_v, end). Blocks partition the vertices in order.
-static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
+static void shade_vertices(const struct shade_job *job, size_t begin_v, size_t end)
 {
-    const struct shade_job *job = arg;
     const struct prt_mesh *mesh = &job->a->transport->mesh;
     for (uint32_t i = 0; i < mesh->n_block; i++) {
         const struct prt_block *b = &mesh->block[i];
@@ -798,18 +797,56 @@ static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
             shade_block(job, from, stop < end ? stop : end, b->object,
                         mesh->surface[b->surface].translucent);
     }
+}
+
+static void shade_job_init(struct shade_job *job, const struct answer *a, float *color)
+{
+    job->a = a;
+    job->color = (float(*)[3])color;
+    for (uint32_t i = 0; i < a->media->n; i++) {
+        const double eta = (double)a->media->medium[i].eta;
+        job->divisor[i] = prt_exit_divisor(eta, a->query->exit);
+        job->mean[i] = (float)(prt_fresnel_mean_transmittance(eta) / job->divisor[i]);
+    }
+}
+
+// The colours of several answers; pieces of all of them are one loop.
+struct shade_many {
+    struct shade_job job[PRT_RELIGHT_MAX_LIGHTS];
+    unsigned of[PRT_RELIGHT_MAX_LIGHTS]; // the query of each job
+    size_t n_piece;                      // of one answer
+    const struct prt_colors_sink *sink;
+};
+
+static int shade_pieces(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct shade_many *many = arg;
+    for (size_t i = begin; i < end; i++) {
+        const struct shade_job *job = &many->job[i / many->n_piece];
+        const struct answer *a = job->a;
+        const size_t from = i % many->n_piece * VERTEX_GRAIN;
+        const size_t stop =
+            from + VERTEX_GRAIN < a->n_vertex ? from + VERTEX_GRAIN : a->n_vertex;
+        shade_vertices(job, from, stop);
+        if (many->sink)
+            many->sink->put(many->sink->user, a->ctx, many->of[i / many->n_piece], from, stop);
+    }
     return PRT_OK;
 }
 
-static int shade_colors(const struct answer *a, float (*color)[3])
+// Colours of the n answers that have no planes[i]; planes NULL: of all.
+static int shade_colors(const struct answer *a, unsigned n, const bool planes[],
+                        float *const out[], const struct prt_colors_sink *sink)
 {
-    struct shade_job job = {.a = a, .color = color};
-    for (uint32_t i = 0; i < a->media->n; i++) {
-        const double eta = (double)a->media->medium[i].eta;
-        job.divisor[i] = prt_exit_divisor(eta, a->query->exit);
-        job.mean[i] = (float)(prt_fresnel_mean_transmittance(eta) / job.divisor[i]);
+    struct shade_many many = {.n_piece = (a->n_vertex + VERTEX_GRAIN - 1) / VERTEX_GRAIN,
+                              .sink = sink};
+    unsigned m = 0;
+    for (unsigned i = 0; i < n; i++) {
+        if (planes && planes[i]) continue;
+        shade_job_init(&many.job[m], &a[i], out[i]);
+        many.of[m++] = i;
     }
-    return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
+    return prt_parallel_for(a->ctx, NULL, m * many.n_piece, 1, shade_pieces, &many);
 }
 
 // Room for the planes that become colours. A single plane is computed in the colours' own
@@ -837,14 +874,15 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     answer_init(&a, ctx, transport, query, query->eye != NULL);
     status = make_planes(&a, color[0]);
     if (!status) status = fill_answers(&a, 1);
-    if (!status) status = shade_colors(&a, color);
+    float *out = color[0];
+    if (!status) status = shade_colors(&a, 1, NULL, &out, NULL);
     drop_planes(&a, color[0]);
     return status;
 }
 
 int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
                     unsigned n, const struct prt_query query[], const bool planes[],
-                    float *const out[])
+                    float *const out[], const struct prt_colors_sink *sink)
 {
     struct answer a[PRT_RELIGHT_MAX_LIGHTS];
     int status = n >= 1 && n <= PRT_RELIGHT_MAX_LIGHTS
@@ -859,10 +897,8 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
         if (!planes[i] && !status) status = make_planes(&a[i], out[i]);
     }
     if (!status) status = fill_answers(a, n);
-    for (unsigned i = 0; i < n; i++) {
-        if (!planes[i] && !status) status = shade_colors(&a[i], (float(*)[3])out[i]);
-        drop_planes(&a[i], out[i]);
-    }
+    if (!status) status = shade_colors(a, n, planes, out, sink);
+    for (unsigned i = 0; i < n; i++) drop_planes(&a[i], out[i]);
     return status;
 }
 

@@ -196,16 +196,26 @@ void work_submit(struct work_pool *pool, struct work *work)
     pthread_mutex_unlock(&pool->lock);
 }
 
-bool work_dequeue(struct work *work)
+static bool dequeue(struct work *work, bool withdrawn)
 {
     struct work_pool *pool = work->pool;
     if (!pool) return false;
     pthread_mutex_lock(&pool->lock);
     bool waited = fair_remove(&pool->queue, &work->item);
-    pool->n_withdrawn += waited;
+    pool->n_withdrawn += waited && withdrawn;
     pthread_mutex_unlock(&pool->lock);
     if (waited) pool->n_open--;
     return waited;
+}
+
+bool work_dequeue(struct work *work)
+{
+    return dequeue(work, true);
+}
+
+bool work_take_back(struct work *work)
+{
+    return dequeue(work, false);
 }
 
 bool work_withdraw(struct work *work)

@@ -55,6 +55,9 @@ void work_submit(struct work_pool *pool, struct work *work);
 bool work_withdraw(struct work *work);
 /* The same, but work that runs already is not told. */
 bool work_dequeue(struct work *work);
+/* The same, of work that its owner changes and submits again: it does not count as withdrawn.
+ */
+bool work_take_back(struct work *work);
 /* A prt_log_fn whose user is a struct work: keeps the first error line. */
 void work_keep_error(void *user, enum prt_log_level level, const char *line);
 size_t work_waiting(struct work_pool *pool);

@@ -44,39 +44,52 @@ size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *v
     return (size_t)values->n_plane * values->n_vertex * color_bytes(spec->format);
 }
 
+void encode_some_colors(const struct prt_context *ctx, int format, float exposure_ev,
+                        const float *from, size_t n, uint8_t *to)
+{
+    const float scale = exp2f(exposure_ev);
+    switch (format) {
+    case RELIGHT__COLOR_FORMAT__COLOR_F32:
+        memcpy(to, from, 3 * n * sizeof(float));
+        return;
+    case RELIGHT__COLOR_FORMAT__COLOR_F16:
+        prt_f32_to_f16_array(from, 3 * n, (uint16_t *)to);
+        return;
+    case RELIGHT__COLOR_FORMAT__COLOR_RGB9E5:
+        prt_encode_rgb9e5(ctx, from, n, (uint32_t *)to);
+        return;
+    default:
+        for (size_t v = 0; v < n; v++) {
+            for (size_t i = 0; i < 3; i++)
+                to[4 * v + i] = (uint8_t)srgb(from[3 * v + i] * scale);
+            to[4 * v + 3] = 255;
+        }
+    }
+}
+
 struct encoding {
+    const struct prt_context *ctx;
+    const struct render_spec *spec;
     const float *from;
     uint8_t *to;
-    float scale;
 };
 
 static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct encoding *e = arg;
-    for (size_t v = begin; v < end; v++) {
-        for (size_t i = 0; i < 3; i++)
-            e->to[4 * v + i] = (uint8_t)srgb(e->from[3 * v + i] * e->scale);
-        e->to[4 * v + 3] = 255;
-    }
+    encode_some_colors(e->ctx, e->spec->format, e->spec->exposure_ev, e->from + 3 * begin,
+                       end - begin, e->to + color_bytes(e->spec->format) * begin);
     return PRT_OK;
 }
 
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
                    const struct vertex_values *values, uint8_t *to)
 {
-    const size_t n_color = (size_t)values->n_plane * values->n_vertex, n = 3 * n_color;
-    if (is_coefficients(spec)) {
-        memcpy(to, values->values, plane_bytes(spec, values));
-    } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
-        memcpy(to, values->values, n * sizeof(float));
-    } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
-        prt_f32_to_f16_array(values->values, n, (uint16_t *)to);
-    } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_RGB9E5) {
-        prt_encode_rgb9e5(ctx, values->values, n_color, (uint32_t *)to);
-    } else {
-        struct encoding e = {values->values, to, exp2f(spec->exposure_ev)};
-        prt_parallel_for(ctx, NULL, n_color, 4096, encode_range, &e);
-    }
+    struct encoding e = {ctx, spec, values->values, to};
+    if (is_coefficients(spec)) memcpy(to, values->values, plane_bytes(spec, values));
+    else
+        prt_parallel_for(ctx, NULL, (size_t)values->n_plane * values->n_vertex, 4096,
+                         encode_range, &e);
 }
 
 // ---- pictures

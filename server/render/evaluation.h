@@ -97,7 +97,7 @@ struct vertex_values {
     float
         material_error; /* relative RMS error of projecting the material on the bake's bases */
     struct prt_coefficients coefficients; /* n_layer 0: these are values at vertices */
-    float values[]; /* [n_plane][n_vertex][3], or the coefficients' halves */
+    float values[]; /* [n_plane][n_vertex][3], the coefficients' halves, or encoded colours */
 };
 struct vertex_query {
     int term;            /* enum prt_answer_term */
@@ -106,6 +106,8 @@ struct vertex_query {
     bool coefficients;   /* in place of both */
     uint32_t most_rank;  /* rows of a cluster; 0: all */
     bool phases;
+    int format; /* of colours, a Relight__ColorFormat; COLOR_F32 of all others */
+    float exposure_ev;
     struct cache_entry *media; /* of media.c; NULL: the bake's */
     bool has_eye;
     float eye[3]; /* mm */
@@ -127,7 +129,8 @@ struct cache_entry *irradiance_get(struct server *server, const char *key,
 
 /* ---- encoded_colors.c: uint8_t[] ---- */
 
-/* The values (ready) as one plane of colours in the spec's format; NULL without memory. */
+/* The values (ready, of floats) as one plane of colours in the spec's format; NULL without
+ * memory. */
 struct cache_entry *encoded_colors_get(struct server *server, const struct render_spec *spec,
                                        struct cache_entry *values);
 
@@ -197,6 +200,9 @@ size_t color_bytes(int format); /* of one colour; 0: of no colour */
 size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *values);
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
                    const struct vertex_values *values, uint8_t *to);
+/* n colours [n][3], on the calling thread. */
+void encode_some_colors(const struct prt_context *ctx, int format, float exposure_ev,
+                        const float *from, size_t n, uint8_t *to);
 /* Whether the daemon encodes this Relight__ImageFormat. */
 bool image_format_known(unsigned format);
 bool image_format_alpha(unsigned format); /* keeps alpha */

@@ -255,6 +255,9 @@ static void vertex_query(const struct render *r, struct vertex_query *query)
                                                 : s->picture       ? 0
                                                                    : s->color_rank,
                                    .phases = is_coefficients(s) && s->phases,
+                                   .format = r->encodes ? s->format
+                                                        : (int)RELIGHT__COLOR_FORMAT__COLOR_F32,
+                                   .exposure_ev = s->exposure_ev,
                                    .media = r->media.entry,
                                    .has_eye = s->has_eye && !s->picture};
     for (int c = 0; c < 3; c++)
@@ -266,8 +269,10 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
 {
     const struct render_spec *s = &r->spec;
     const struct cache_entry *light = r->light[i].entry;
-    char key[VALUES_KEY], eye[64] = "", media[MEDIA_KEY];
+    char key[VALUES_KEY], eye[64] = "", media[MEDIA_KEY], format[32] = "";
     media_key(s, media);
+    if (query->format != RELIGHT__COLOR_FORMAT__COLOR_F32)
+        snprintf(format, sizeof format, "/%d,%.9g", query->format, (double)query->exposure_ev);
     if (query->has_eye)
         snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query->eye[0],
                  (double)query->eye[1], (double)query->eye[2]);
@@ -275,7 +280,7 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
         snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->key,
                  (unsigned long long)r->generation, media, light->key);
     else
-        snprintf(key, sizeof key, "%s/%llu/%s%u,%u/%d/%s/%s/%s", r->model->key,
+        snprintf(key, sizeof key, "%s/%llu/%s%u,%u/%d/%s/%s/%s%s", r->model->key,
                  (unsigned long long)r->generation,
                  s->picture             ? "planes"
                  : query->most_apart    ? "parts"
@@ -283,8 +288,32 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
                  : query->phases        ? "phases"
                                         : "rows",
                  query->most_apart, query->most_rank, query->term, media, eye,
-                 light ? light->key : "fixed");
+                 light ? light->key : "fixed", format);
     return strdup(key);
+}
+
+static bool is_cached(const struct render *r, const char *key)
+{
+    struct cache_entry *entry = cache_find(r->server->cache, key);
+    const bool found = entry && entry->state != CACHE_FAILED;
+    cache_release(entry);
+    return found;
+}
+
+// Colours of one light are encoded by the pass that computes them, but where their floats are
+// in the cache.
+static void choose_encoding(struct render *r)
+{
+    const struct render_spec *s = &r->spec;
+    struct vertex_query query;
+    if (s->picture || s->values || s->fade_from || is_coefficients(s) || most_parts(s) ||
+        render_n_values(s) > 1 || s->term == RELIGHT__TERM__TERM_IRRADIANCE ||
+        s->format == RELIGHT__COLOR_FORMAT__COLOR_F32)
+        return;
+    vertex_query(r, &query);
+    char *floats = values_key(r, 0, &query);
+    r->encodes = floats && !is_cached(r, floats);
+    free(floats);
 }
 
 // Joint transport, where the values are not in the cache: contracted with the light if that is
@@ -308,6 +337,7 @@ static void step_contractions(struct render *r)
 {
     if (r->screen) return;
     struct vertex_query query;
+    choose_encoding(r);
     vertex_query(r, &query);
     bool baked_alone =
         render_light_is_baked(r) || r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE;
@@ -318,9 +348,7 @@ static void step_contractions(struct render *r)
             return;
         }
         if (baked_alone) continue;
-        struct cache_entry *values = cache_find(r->server->cache, r->values_key[i]);
-        cache_release(values);
-        if (!values) depend_on_contraction(r, i);
+        if (!is_cached(r, r->values_key[i])) depend_on_contraction(r, i);
     }
 }
 
@@ -438,11 +466,12 @@ static void step_radiance(struct render *r)
     }
 }
 
-// Colours of several planes are encoded with their answer.
+// Of floats that are in the cache. Colours of several planes are encoded with their answer.
 static void step_encoding(struct render *r)
 {
-    if (r->spec.picture || r->spec.values || r->faded || render_n_values(&r->spec) > 1 ||
-        r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32 || is_coefficients(&r->spec))
+    if (r->encodes || r->spec.picture || r->spec.values || r->faded ||
+        render_n_values(&r->spec) > 1 || r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32 ||
+        is_coefficients(&r->spec))
         return;
     struct cache_entry *entry =
         encoded_colors_get(r->server, &r->spec, r->vertex_values[0].entry);

@@ -45,6 +45,7 @@ struct render {
     bool *ended;         /* set when the evaluation ends while render_start still runs */
     bool screen;         /* an image-space engine answers, for the current vertices */
     uint64_t generation; /* of the geometry that is shown */
+    bool encodes;   /* the pass encodes its colours: vertex_values have the spec's format */
     bool transient; /* one frame of many: its radiance is dropped from the cache at the end */
     /* geometry: the open .prt file, or with `screen` the shape */
     struct dependency file, shape;

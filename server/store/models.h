@@ -31,8 +31,8 @@ struct model_facts {
                                                                   * worst light; 0: unknown */
 };
 
-struct pass; /* relight_pass.c: evaluations that wait for a pass over this model */
-struct pose; /* shape.h: vertices that were moved */
+struct gathering; /* relight_pass.c: evaluations that wait for a pass over this model */
+struct pose;      /* shape.h: vertices that were moved */
 
 /* A callback on changes of a model's state or shape. */
 struct model_watcher {
@@ -103,7 +103,7 @@ struct model {
     char mesh_error[300];
     bool gone; /* forgotten; alive until its last reference */
     struct model_watcher *watcher;
-    struct pass *pass;
+    struct gathering *gathering;
     struct prt_camera frame;   /* frames this generation at this aspect, computed once */
     uint64_t frame_generation; /* 0: none was */
     float frame_aspect;

@@ -102,6 +102,45 @@ static void test_exposure_of_colours(void **state)
     end_client(client);
 }
 
+static void colors_as(struct relight_client *client, const char *model, const char *env,
+                      enum relight_color_format format, struct relight_colors *out)
+{
+    struct relight_error error;
+    struct relight_light light = {.env = env};
+    struct relight_colors_request request = {.model = model,
+                                             .n_light = 1,
+                                             .lights = &light,
+                                             .format = format,
+                                             .exposure_ev =
+                                                 format == RELIGHT_COLOR_SRGB8 ? 0.5f : 0};
+    OK(relight_colors(client, &request, out, &error));
+}
+
+// Colours that the pass encodes and those encoded from floats in the cache have the same bytes:
+// the first environment was never asked for as floats, the second, of the same light, was.
+static void test_formats_of_cached_colours(void **state)
+{
+    static const enum relight_color_format formats[] = {RELIGHT_COLOR_F16, RELIGHT_COLOR_RGB9E5,
+                                                        RELIGHT_COLOR_SRGB8};
+    static const char fresh[] = "constant:1,0.3,0.05", known[] = "constant:1.0,0.30,0.050";
+    struct relight_client *client = begin_client(NULL);
+    struct relight_colors floats, one, other;
+    char id[ID_SIZE];
+    bake_small(client, &d, id);
+    colors_as(client, id, known, RELIGHT_COLOR_F32, &floats);
+    for (int i = 0; i < 3; i++) {
+        colors_as(client, id, fresh, formats[i], &one);
+        colors_as(client, id, known, formats[i], &other);
+        assert_int_equal(one.format, formats[i]);
+        assert_int_equal(one.plane_bytes, other.plane_bytes);
+        assert_memory_equal(one.data, other.data, one.plane_bytes);
+        relight_colors_finish(&one);
+        relight_colors_finish(&other);
+    }
+    relight_colors_finish(&floats);
+    end_client(client);
+}
+
 // A bake whose measured error is above max_error is refused with both numbers; the bound that
 // its answers state is allowed.
 static void test_measured_error_of_a_bake(void **state)
@@ -175,6 +214,7 @@ int main(void)
         cmocka_unit_test_teardown(test_mean_of_an_environment, teardown),
         cmocka_unit_test_teardown(test_planes_are_aligned, teardown),
         cmocka_unit_test_teardown(test_exposure_of_colours, teardown),
+        cmocka_unit_test_teardown(test_formats_of_cached_colours, teardown),
         cmocka_unit_test_teardown(test_measured_error_of_a_bake, teardown),
         cmocka_unit_test_teardown(test_an_id_is_open_once, teardown),
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),

@@ -78,7 +78,7 @@ static void compare_many(const struct prt_transport *t)
     float *out[MANY], *alone = malloc((size_t)9 * 12 * N), *bound = malloc(12 * N);
     ask_many(cube, q, planes);
     for (int i = 0; i < MANY; i++) out[i] = malloc((size_t)9 * 12 * N);
-    assert_int_equal(prt_answer_many(&ctx, t, MANY, q, planes, out), 0);
+    assert_int_equal(prt_answer_many(&ctx, t, MANY, q, planes, out, NULL), 0);
     for (int i = 0; i < MANY; i++) {
         unsigned n_plane = 1;
         if (planes[i]) {
@@ -144,7 +144,7 @@ static void fewer_rows_are_a_smaller_transport(void **state)
                                       .most_rank = i % 2 ? ranks[k] - (k == 2) : 0};
         assert_int_equal(prt_answer_colors(&ctx, &t, &q[0], (float(*)[3])whole), 0);
         assert_int_equal(prt_answer_colors(&ctx, &t, &q[1], (float(*)[3])few), 0);
-        assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out), 0);
+        assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out, NULL), 0);
         double off = difference(few, whole, 3 * N);
         if (ranks[k] == 1000) assert_memory_equal(few, whole, 12 * N);
         else assert_true(off > 1e-3);
@@ -177,9 +177,9 @@ static void wrong_queries_are_refused(void **state)
     transport_of(&t, &kind[0], &kind[1]);
     ask_many(cube, q, planes);
     q[0].light = NULL;
-    assert_int_equal(prt_answer_many(&ctx, &t, 0, q, planes, out), PRT_ARG);
-    assert_int_equal(prt_answer_many(&ctx, &t, MANY + 1, q, planes, out), PRT_ARG);
-    assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out), PRT_ARG);
+    assert_int_equal(prt_answer_many(&ctx, &t, 0, q, planes, out, NULL), PRT_ARG);
+    assert_int_equal(prt_answer_many(&ctx, &t, MANY + 1, q, planes, out, NULL), PRT_ARG);
+    assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out, NULL), PRT_ARG);
     for (int i = 0; i < MANY; i++) prt_cube_finish(&cube[i]);
     finish_transport(&t);
 }
@@ -497,7 +497,7 @@ static void free_materials_follow_the_basis(void **state)
         q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)}};
     const bool as_planes[2] = {true, true};
     float *pair[2] = {again, own};
-    assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair), 0);
+    assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair, NULL), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     assert_memory_equal(own, planes, 4 * 12 * N);
     // the material first, whichever light comes

@@ -185,12 +185,21 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes);
 
+/* Takes colours that are final, while they are in the cache: put() is called for vertices
+ * [begin, end) of query i, on any thread of the call, for several ranges at once. */
+struct prt_colors_sink {
+    void (*put)(void *user, const struct prt_context *ctx, unsigned i, size_t begin,
+                size_t end);
+    void *user;
+};
+
 /* n queries, n in [1, PRT_RELIGHT_MAX_LIGHTS], in one pass over the transport where they differ
  * only in their lights. out[i]: colours [n_vertex][3], or, where planes[i], prt_answer_planes'
- * output. Statuses as prt_answer_colors; the first query that fails fails the call. */
+ * output. sink: of the colours; NULL: none. Statuses as prt_answer_colors; the first query that
+ * fails fails the call. */
 int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
                     unsigned n, const struct prt_query query[], const bool planes[],
-                    float *const out[]);
+                    float *const out[], const struct prt_colors_sink *sink);
 
 /* ---- coefficients: contractions that a viewer expands itself
  * -------------------------------------------------------------------------------- */

@@ -296,7 +296,7 @@ static int answer_cubes(void *arg)
     for (unsigned i = 0; i < job->n_light; i++)
         query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &job->cube[i]};
     return prt_answer_many(&job->env->ctx, job->transport, job->n_light, query, planes,
-                           job->color);
+                           job->color, NULL);
 }
 
 struct answer_turn {

@@ -149,6 +149,10 @@ static int run_idle(struct bench_env *env)
     return with_daemon(env, extra, 0, idle);
 }
 
+// With a small cache the steady state, in which evicted results give their memory to new ones,
+// begins at once and not after some thousand frames.
+static const char *const small_cache[] = {"--cache", "64M", NULL};
+
 // ---- different lights, against the kernel alone
 
 struct kernel {
@@ -192,7 +196,7 @@ static int kernel_pass(void *arg)
     for (unsigned i = 0; i < N_CLIENT; i++)
         query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &k->cube[i]};
     return prt_answer_many(&k->env->ctx, prt_file_transport(k->file), N_CLIENT, query, planes,
-                           k->out);
+                           k->out, NULL);
 }
 
 static double total(const struct served *s, const char *metric)
@@ -271,12 +275,9 @@ static int lights(struct served *s)
     return status;
 }
 
-// With a small cache the steady state, in which evicted results give their memory to new ones,
-// begins at once and not after some thousand frames.
 static int run_lights(struct bench_env *env)
 {
-    static const char *const extra[] = {"--cache", "64M", NULL};
-    return with_daemon(env, extra, 0, lights);
+    return with_daemon(env, small_cache, 0, lights);
 }
 
 // ---- the same light for all
@@ -321,13 +322,18 @@ static int pictures(struct served *s)
     int status =
         serve_open(s->env, s->daemon.address[1], NULL, N_PICTURE_CLIENT, NULL, NULL, &crowd);
     double cpu_s = bench_daemon_cpu_s(&s->daemon);
+    double passes = total(s, "relightd_passes_total"),
+           all = total(s, "relightd_relights_total");
     if (!status) status = serve_run(&crowd, &f, 0, figure_s(s, 4));
     cpu_s = bench_daemon_cpu_s(&s->daemon) - cpu_s;
+    passes = total(s, "relightd_passes_total") - passes;
+    all = total(s, "relightd_relights_total") - all;
     serve_close(&crowd);
     if (!status) {
         bench_begin(s->env, "serve_pictures_jpeg");
         bench_number("clients", N_PICTURE_CLIENT);
         bench_number("kib", f.bytes / f.n_answer / 1024);
+        bench_number("lights_per_pass", all / passes);
         bench_number("ms_median", serve_quantile(&f, 0.5));
         bench_number("ms_p99", serve_quantile(&f, 0.99));
         bench_number("daemon_cpu_ms", cpu_s * 1e3 / f.n_answer);
@@ -340,7 +346,7 @@ static int pictures(struct served *s)
 
 static int run_pictures(struct bench_env *env)
 {
-    return with_daemon(env, NULL, 0, pictures);
+    return with_daemon(env, small_cache, 0, pictures);
 }
 
 BENCH(serve_small, "relightd: pings/s, pipelined over 16 connections", run_small)

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Passes over a model's transport. While one runs, evaluations of the same model gather, and
 // the next pass computes up to PRT_RELIGHT_MAX_LIGHTS of them: it reads the transport once for
-// all their lights. The principals that wait take turns (render/shared/pass_share.h), and each
-// principal's most urgent evaluations go first.
+// all their lights. Evaluations also join a pass that still waits for a worker. A second pass
+// begins beside one that runs where it is full: threads that wait for the end of one's loops
+// take pieces of the other's. The principals that wait take turns (render/shared/pass_share.h),
+// and each principal's most urgent evaluations go first.
 #include "render/evaluation.h"
 #include "render/shared/cache_compute.h"
 #include "render/shared/pass_share.h"
@@ -16,20 +18,34 @@
 struct pass_item {
     struct cache_job job;
     struct pass_item *next;
-    struct pass *pass;
+    struct gathering *gathering;
     struct cache_entry *file, *light, *contracted_light, *contracted_material;
     struct vertex_query query;
+    float *values; // floats: the entry's, or the pass's where the entry has encoded colours
     int status;
 };
 
+enum { MOST_PASSES = 2 }; // of a model at a time
+
 struct pass {
     struct work work;
-    struct model *model;
-    struct pass_item *first, **last; // gather for the next pass
-    struct pass_item *running;       // computed by the worker now
-    unsigned n_running;
-    char payer[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // of the running items: equal parts
+    struct gathering *gathering;
+    struct pass_item *first; // the items it computes; NULL: it is free
+    unsigned n;
+    char payer[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // of the items: equal parts
+    float *scratch; // of the worker: the colours of items that are encoded, [item][n_vertex][3]
+    size_t n_scratch; // floats
     float ms;
+};
+
+// The passes of a model and what waits for the next one.
+struct gathering {
+    struct model *model;
+    struct pass_item *first, **last;
+    size_t n_waiting;
+    struct pass pass[MOST_PASSES];
+    char before[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // payers of the last pass that ended
+    unsigned n_before;
 };
 
 static void item_unwanted(struct cache_job *job);
@@ -66,6 +82,11 @@ static struct prt_query item_query(const struct pass_item *item)
                               .most_rank = q->coefficients ? 0 : q->most_rank};
 }
 
+static bool is_encoded(const struct pass_item *item)
+{
+    return item->query.format != RELIGHT__COLOR_FORMAT__COLOR_F32;
+}
+
 // Allocates the item's values; their size depends on the transport.
 static int allocate_values(const struct prt_context *ctx, struct pass_item *item)
 {
@@ -82,7 +103,7 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     if (!status && query.media.n)
         status = prt_answer_material_error(ctx, t, &query.media, query.term, &error);
     if (status) return status;
-    const size_t each = (size_t)t->mesh.n_vertex * 3 * sizeof(float);
+    const size_t each = t->mesh.n_vertex * color_bytes(item->query.format);
     item->job.bytes =
         sizeof *values +
         (item->query.coefficients ? rows.n_half * sizeof(uint16_t) : n_plane * each);
@@ -94,7 +115,41 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     values->n_plane = n_plane;
     values->n_vertex = t->mesh.n_vertex;
     values->material_error = (float)error;
+    item->values = values->values;
     return PRT_OK;
+}
+
+// Gives the items whose colours are encoded room for floats, which passes use again.
+static int share_scratch(struct pass *pass, struct pass_item *const item[], unsigned n)
+{
+    const size_t each = 3 * (size_t)file_transport(item[0])->mesh.n_vertex;
+    size_t all = 0;
+    for (unsigned i = 0; i < n; i++) all += is_encoded(item[i]) ? each : 0;
+    if (all > pass->n_scratch) {
+        prt_free(pass->scratch);
+        pass->scratch = prt_alloc(all, sizeof *pass->scratch);
+        pass->n_scratch = pass->scratch ? all : 0;
+        if (!pass->scratch) return PRT_NOMEM;
+    }
+    for (unsigned i = n; i-- > 0;)
+        if (is_encoded(item[i])) item[i]->values = pass->scratch + (all -= each);
+    return PRT_OK;
+}
+
+// The items of one call of the library, by the number of their query.
+struct asked {
+    struct pass_item *item[PRT_RELIGHT_MAX_LIGHTS];
+};
+
+static void encode_item(void *user, const struct prt_context *ctx, unsigned i, size_t begin,
+                        size_t end)
+{
+    const struct pass_item *item = ((struct asked *)user)->item[i];
+    const struct vertex_query *q = &item->query;
+    if (!is_encoded(item)) return;
+    uint8_t *to = (uint8_t *)((struct vertex_values *)item->job.value)->values;
+    encode_some_colors(ctx, q->format, q->exposure_ev, item->values + 3 * begin, end - begin,
+                       to + color_bytes(q->format) * begin);
 }
 
 // Evaluates items of the same transport and kind together: they share one reading of it.
@@ -104,6 +159,8 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
     bool planes[PRT_RELIGHT_MAX_LIGHTS], done[PRT_RELIGHT_MAX_LIGHTS] = {false};
     float *out[PRT_RELIGHT_MAX_LIGHTS];
     struct prt_coefficients *rows[PRT_RELIGHT_MAX_LIGHTS];
+    struct asked asked;
+    const struct prt_colors_sink sink = {encode_item, &asked};
     int status = PRT_OK;
     for (unsigned first = 0; first < n && !status; first++) {
         const struct prt_transport *t = item_transport(item[first]);
@@ -119,10 +176,11 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
             if (item[i]->contracted_material) query[m].media.n = 0; // they are in t already
             planes[m] = item[i]->query.planes;
             rows[m] = &values->coefficients;
-            out[m++] = values->values;
+            asked.item[m] = item[i];
+            out[m++] = item[i]->values;
         }
         if (m && coefficients) status = prt_answer_coefficients(ctx, t, m, query, rows);
-        else if (m) status = prt_answer_many(ctx, t, m, query, planes, out);
+        else if (m) status = prt_answer_many(ctx, t, m, query, planes, out, &sink);
     }
     return status;
 }
@@ -139,14 +197,15 @@ static int run_pass(struct work *work, const struct prt_context *ctx)
     struct pass_item *good[PRT_RELIGHT_MAX_LIGHTS];
     unsigned n = 0;
     double start = prt_time_s();
-    for (struct pass_item *item = pass->running; item; item = item->next) {
+    for (struct pass_item *item = pass->first; item; item = item->next) {
         work->error[0] = 0;
         int status = allocate_values(ctx, item);
         if (status) fail_item(work, item, status);
         else good[n++] = item;
     }
     work->error[0] = 0;
-    int status = n ? evaluate(ctx, good, n) : PRT_OK;
+    int status = n ? share_scratch(pass, good, n) : PRT_OK;
+    if (!status && n) status = evaluate(ctx, good, n);
     // One item's error must not fail the others: each is evaluated alone.
     for (unsigned i = 0; status && i < n; i++) {
         if (n > 1) work->error[0] = 0;
@@ -159,13 +218,13 @@ static int run_pass(struct work *work, const struct prt_context *ctx)
 
 static void pass_done(struct work *work);
 
-// Submits the pass for its running items: as the first one's work, of the most urgent's class.
+// Submits the pass for its items: as the first one's work, of the most urgent's class.
 static void submit(struct pass *pass)
 {
-    struct work_pool *pool = pass->model->server->work;
-    struct work_actor actor = pass->running->job.actor;
+    struct work_pool *pool = pass->gathering->model->server->work;
+    struct work_actor actor = pass->first->job.actor;
     unsigned n = 0;
-    for (const struct pass_item *item = pass->running; item; item = item->next) {
+    for (const struct pass_item *item = pass->first; item; item = item->next) {
         if (item->job.actor.class < actor.class) actor.class = item->job.actor.class;
         snprintf(pass->payer[n++], WORK_NAME, "%s", item->job.actor.name);
     }
@@ -173,17 +232,18 @@ static void submit(struct pass *pass)
     pass->work.done = pass_done;
     pass->work.class = WORK_INTERACTIVE;
     pass->work.share = (const char(*)[WORK_NAME])pass->payer;
-    pass->work.n_share = pass->n_running = n;
+    pass->work.n_share = pass->n = n;
     struct work_actor before = work_act(pool, actor);
     work_submit(pool, &pass->work);
     work_act(pool, before);
 }
 
-// Moves the items of this class that their principals' grants cover to `running`.
+// Moves the items of this class that their principals' grants cover to the pass.
 static void choose_class(struct pass *pass, int class, struct pass_share *share,
                          struct pass_item ***end)
 {
-    for (struct pass_item **at = &pass->first; *at && share->n_granted;) {
+    struct gathering *g = pass->gathering;
+    for (struct pass_item **at = &g->first; *at && share->n_granted;) {
         struct pass_item *item = *at;
         if ((int)item->job.actor.class != class ||
             !pass_share_take(share, item->job.actor.name)) {
@@ -194,49 +254,84 @@ static void choose_class(struct pass *pass, int class, struct pass_share *share,
         item->next = NULL;
         **end = item;
         *end = &item->next;
-        pass->n_running++;
+        pass->n++;
+        g->n_waiting--;
     }
 }
 
-static void choose_items(struct pass *pass)
+static void set_last(struct gathering *g)
 {
-    struct pass_share share = {0};
-    struct pass_item **end = &pass->running;
-    unsigned seen = 0;
-    for (const struct pass_item *i = pass->first; i && seen++ < PASS_SHARE_SEEN; i = i->next)
-        pass_share_add(&share, i->job.actor.name);
-    // `payer` has the principals of the pass before: clients that wait for its answers come
-    // back.
-    for (unsigned i = 0; i < pass->n_running; i++) pass_share_before(&share, pass->payer[i]);
-    pass_share_grant(&share, PRT_RELIGHT_MAX_LIGHTS);
-    pass->running = NULL;
-    pass->n_running = 0;
-    for (int class = 0; class < WORK_N_CLASS; class ++) choose_class(pass, class, &share, &end);
-    for (pass->last = &pass->first; *pass->last;) pass->last = &(*pass->last)->next;
+    for (g->last = &g->first; *g->last;) g->last = &(*g->last)->next;
 }
 
-static void start_pass(struct pass *pass)
+static void share_places(const struct gathering *g, struct pass_share *share)
 {
-    struct stats *stats = &pass->model->server->stats;
-    choose_items(pass);
-    unsigned n = pass->n_running;
-    stats->passes++;
-    stats->relights += n;
-    stats_batch(stats, n);
-    if (n > 1) stats->shared += n;
+    unsigned seen = 0;
+    *share = (struct pass_share){0};
+    for (const struct pass_item *i = g->first; i && seen++ < PASS_SHARE_SEEN; i = i->next)
+        pass_share_add(share, i->job.actor.name);
+    // Clients that wait for the answers of other passes come back.
+    for (unsigned i = 0; i < g->n_before; i++) pass_share_before(share, g->before[i]);
+    for (unsigned k = 0; k < MOST_PASSES; k++)
+        for (unsigned i = 0; g->pass[k].first && i < g->pass[k].n; i++)
+            pass_share_before(share, g->pass[k].payer[i]);
+    pass_share_grant(share, PRT_RELIGHT_MAX_LIGHTS);
+}
+
+static void start_pass(struct pass *pass, struct pass_share *share)
+{
+    struct pass_item **end = &pass->first;
+    pass->n = 0;
+    for (int class = 0; class < WORK_N_CLASS; class ++) choose_class(pass, class, share, &end);
+    set_last(pass->gathering);
     submit(pass);
 }
 
-// The next pass, or none.
-static void go_on(struct pass *pass)
+// A pass that waits for a worker is chosen anew, with the item that came since, where it has
+// room and nothing else waits.
+static bool rejoin(struct pass *pass)
 {
-    if (pass->first) {
-        start_pass(pass);
-        return;
+    struct gathering *g = pass->gathering;
+    struct pass_share share;
+    if (!pass->first || pass->n >= PRT_RELIGHT_MAX_LIGHTS || g->n_waiting != 1 ||
+        !work_take_back(&pass->work))
+        return false;
+    struct pass_item *newest = g->first, **end = &pass->first;
+    while (*end) end = &(*end)->next;
+    *end = newest;
+    g->first = pass->first;
+    g->n_waiting += pass->n;
+    pass->first = NULL;
+    share_places(g, &share);
+    start_pass(pass, &share);
+    return true;
+}
+
+// Starts a pass with what waits: where none runs, or where it is full.
+static void go_on(struct gathering *g)
+{
+    struct pass *idle = NULL;
+    struct pass_share share;
+    bool any = false;
+    for (unsigned k = 0; k < MOST_PASSES; k++) {
+        any |= g->pass[k].first != NULL;
+        if (!g->pass[k].first) idle = &g->pass[k];
     }
-    pass->model->pass = NULL;
-    model_release(pass->model);
-    free(pass);
+    if (!g->first || !idle || (any && g->n_waiting < PRT_RELIGHT_MAX_LIGHTS)) return;
+    share_places(g, &share);
+    if (!any || share.n_granted == PRT_RELIGHT_MAX_LIGHTS) start_pass(idle, &share);
+}
+
+// Frees the gathering where nothing runs or waits.
+static void end_gathering(struct gathering *g)
+{
+    if (g->first) return;
+    for (unsigned k = 0; k < MOST_PASSES; k++)
+        if (g->pass[k].first) return;
+    g->model->gathering = NULL;
+    model_release(g->model);
+    for (unsigned k = 0; k < MOST_PASSES; k++) prt_free(g->pass[k].scratch);
+    free(g);
 }
 
 static bool unlink_item(struct pass_item **at, const struct pass_item *item)
@@ -247,19 +342,34 @@ static bool unlink_item(struct pass_item **at, const struct pass_item *item)
     return true;
 }
 
+// Takes the item out of the pass that has it, where that waits for a worker.
+static bool leave_pass(struct gathering *g, struct pass_item *item)
+{
+    for (unsigned k = 0; k < MOST_PASSES; k++) {
+        struct pass *pass = &g->pass[k];
+        const struct pass_item *own = pass->first;
+        while (own && own != item) own = own->next;
+        if (!own) continue;
+        if (!work_dequeue(&pass->work)) return false;
+        unlink_item(&pass->first, item);
+        if (pass->first) submit(pass);
+        return true;
+    }
+    return false;
+}
+
 // Taken out of the next pass, or of one that waits for a worker; a running pass continues.
 static void item_unwanted(struct cache_job *job)
 {
     struct pass_item *item = (struct pass_item *)job;
-    struct pass *pass = item->pass;
-    if (unlink_item(&pass->first, item)) {
-        pass->last = &pass->first;
-        while (*pass->last) pass->last = &(*pass->last)->next;
-        pass->model->server->stats.items_withdrawn++;
-    } else if (work_dequeue(&pass->work)) {
-        unlink_item(&pass->running, item);
-        if (pass->running) submit(pass);
-        else go_on(pass);
+    struct gathering *g = item->gathering;
+    if (unlink_item(&g->first, item)) {
+        g->n_waiting--;
+        set_last(g);
+        g->model->server->stats.items_withdrawn++;
+    } else if (leave_pass(g, item)) {
+        go_on(g);
+        end_gathering(g);
     } else {
         cache_forget_entry(job->entry);
         return;
@@ -268,15 +378,27 @@ static void item_unwanted(struct cache_job *job)
     cache_job_complete(job, PRT_CANCELLED);
 }
 
+static void count_pass(struct stats *stats, unsigned n)
+{
+    stats->passes++;
+    stats->relights += n;
+    stats_batch(stats, n);
+    if (n > 1) stats->shared += n;
+}
+
 static void pass_done(struct work *work)
 {
     struct pass *pass = (struct pass *)work;
-    struct pass_item *item = pass->running;
-    pass->running = NULL;
-    float ms = pass->ms;
-    unsigned n = pass->n_running;
+    struct gathering *g = pass->gathering;
+    struct pass_item *item = pass->first;
+    const float ms = pass->ms;
+    const unsigned n = g->n_before = pass->n;
+    memcpy(g->before, pass->payer, sizeof g->before);
+    count_pass(&g->model->server->stats, n);
+    pass->first = NULL;
     // Before the entries are filled: their waiters may call relight_pass_get().
-    go_on(pass);
+    go_on(g);
+    end_gathering(g);
     while (item) {
         struct pass_item *next = item->next;
         item->job.ms = ms;
@@ -286,15 +408,27 @@ static void pass_done(struct work *work)
     }
 }
 
-static struct pass *create_pass(struct model *model)
+static struct gathering *create_gathering(struct model *model)
 {
-    struct pass *pass = calloc(1, sizeof *pass);
-    if (!pass) return NULL;
-    pass->model = model;
-    pass->last = &pass->first;
-    model->pass = pass;
+    struct gathering *g = calloc(1, sizeof *g);
+    if (!g) return NULL;
+    g->model = model;
+    g->last = &g->first;
+    for (unsigned k = 0; k < MOST_PASSES; k++) g->pass[k].gathering = g;
+    model->gathering = g;
     model_hold(model);
-    return pass;
+    return g;
+}
+
+// The newest of the items that wait.
+static void add_item(struct gathering *g, struct pass_item *item)
+{
+    *g->last = item;
+    g->last = &item->next;
+    g->n_waiting++;
+    for (unsigned k = 0; k < MOST_PASSES; k++)
+        if (rejoin(&g->pass[k])) return;
+    go_on(g);
 }
 
 struct cache_entry *relight_pass_get(struct model *model, const char *key,
@@ -306,15 +440,14 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
     struct cache_job *job;
     struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
     if (!job) return entry;
-    bool idle = !model->pass;
-    struct pass *pass = idle ? create_pass(model) : model->pass;
-    if (!pass) {
+    struct gathering *g = model->gathering ? model->gathering : create_gathering(model);
+    if (!g) {
         cache_job_complete(job, PRT_NOMEM);
         return entry;
     }
     struct pass_item *item = (struct pass_item *)job;
     item->query = *query;
-    item->pass = pass;
+    item->gathering = g;
     cache_job_hold(job, query->media);
     cache_job_hold(job, item->file = file);
     cache_job_hold(job, item->light = light);
@@ -322,8 +455,6 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
     cache_job_hold(job, item->contracted_material = contracted_material);
     if (contracted_light) model->server->stats.edits++;
     if (contracted_material) model->server->stats.fixed_used++;
-    *pass->last = item;
-    pass->last = &item->next;
-    if (idle) start_pass(pass);
+    add_item(g, item);
     return entry;
 }
