@@ -8,3 +8,6 @@ add_test(NAME packages COMMAND ${CMAKE_CURRENT_LIST_DIR}/packages.sh ${CMAKE_BIN
 set_tests_properties(packages PROPERTIES LABELS "cluster;long" SKIP_RETURN_CODE 77)
 add_test(NAME packages_chroot COMMAND ${CMAKE_CURRENT_LIST_DIR}/packages_chroot.sh ${CMAKE_BINARY_DIR})
 set_tests_properties(packages_chroot PROPERTIES TIMEOUT 2400 LABELS "cluster;long" SKIP_RETURN_CODE 77)
+# The images: built without a registry, and run.
+add_test(NAME images COMMAND python3 ${CMAKE_CURRENT_LIST_DIR}/image.py ${CMAKE_BINARY_DIR})
+set_tests_properties(images PROPERTIES TIMEOUT 2400 LABELS "cluster;long" SKIP_RETURN_CODE 77)
