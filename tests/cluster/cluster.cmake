@@ -1,6 +1,9 @@
 # A whole cluster on loopback, and the files that go with it. Visible skips where packages are missing.
 add_test(NAME cluster COMMAND ${CMAKE_SOURCE_DIR}/deploy/cluster/try ${CMAKE_BINARY_DIR}/bin)
 set_tests_properties(cluster PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
+add_test(NAME proxy_tls COMMAND /usr/bin/python3 ${CMAKE_CURRENT_LIST_DIR}/proxy_tls.py ${CMAKE_BINARY_DIR}/bin
+  ${CMAKE_BINARY_DIR}/python ${CMAKE_SOURCE_DIR}/deploy/cluster)
+set_tests_properties(proxy_tls PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
 add_test(NAME cluster_files COMMAND ${CMAKE_CURRENT_LIST_DIR}/files.sh ${CMAKE_SOURCE_DIR}/deploy/cluster
   ${CMAKE_BINARY_DIR})
 set_tests_properties(cluster_files PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
