@@ -14,8 +14,8 @@ import relight  # noqa: E402
 
 
 class Replica:
-    def __init__(self, folder, number, programs=sys.argv[1]):
-        self.programs = programs
+    def __init__(self, folder, number, programs=sys.argv[1], more=(), env=None):
+        self.programs, self.more, self.env = programs, more, env
         self.address = "unix:%s/s%d" % (folder, number)
         self.folder, self.number, self.client = folder, number, None
         self.start()
@@ -24,18 +24,19 @@ class Replica:
         path = self.address[5:]
         if os.path.exists(path):
             os.unlink(path)
-        self.process = self.start_process(self.programs, self.folder, self.number, self.folder + "/shared")
+        self.process = self.start_process(self.programs, self.folder, self.number, self.folder + "/shared",
+                                          self.more, self.env)
         end = time.monotonic() + 60
         while not os.path.exists(path):
             assert time.monotonic() < end and self.process.poll() is None, "it does not start"
             time.sleep(0.01)
 
     @staticmethod
-    def start_process(programs, folder, number, shared, before=(), env=None):
+    def start_process(programs, folder, number, shared, more=(), env=None):
         with open("%s/log%d" % (folder, number), "ab") as log:
             return subprocess.Popen(
-                [*before, programs + "/relightd", "--data", "%s/data%d" % (folder, number), "--store", shared,
-                 "--listen", "unix:%s/s%d" % (folder, number), "--store-poll", "0.5"], stderr=log, env=env)
+                [programs + "/relightd", "--data", "%s/data%d" % (folder, number), "--store", shared,
+                 "--listen", "unix:%s/s%d" % (folder, number), "--store-poll", "0.5", *more], stderr=log, env=env)
 
     def log(self):
         with open("%s/log%d" % (self.folder, self.number), encoding="utf-8", errors="replace") as f:
