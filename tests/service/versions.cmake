@@ -17,7 +17,7 @@ foreach(program relightd prt)
     RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/next)
 endforeach()
 find_program(SYSTEM_PYTHON3 python3 PATHS /usr/bin NO_DEFAULT_PATH)
-if(SYSTEM_PYTHON3)
+if(SYSTEM_PYTHON3 AND TARGET python_client)
   add_test(NAME versions COMMAND ${SYSTEM_PYTHON3} ${CMAKE_CURRENT_LIST_DIR}/versions.py ${CMAKE_BINARY_DIR}/bin
     ${CMAKE_BINARY_DIR}/python ${CMAKE_BINARY_DIR}/next)
   set_tests_properties(versions PROPERTIES LABELS service SKIP_RETURN_CODE 77)
