@@ -14,3 +14,9 @@ set_tests_properties(packages_chroot PROPERTIES TIMEOUT 2400 LABELS "cluster;lon
 # The images: built without a registry, and run.
 add_test(NAME images COMMAND python3 ${CMAKE_CURRENT_LIST_DIR}/image.py ${CMAKE_BINARY_DIR})
 set_tests_properties(images PROPERTIES TIMEOUT 2400 LABELS "cluster;long" SKIP_RETURN_CODE 77)
+# What one of something costs, and the simulation that reads it: half a minute of CPU, of bakes.
+add_test(NAME capacity COMMAND sh -c "/usr/bin/python3 ${CMAKE_SOURCE_DIR}/deploy/cluster/capacity --bin \
+${CMAKE_BINARY_DIR}/bin --pictures 8 --frames 40 --connections 50 --json ${CMAKE_BINARY_DIR}/figures.json && \
+${CMAKE_SOURCE_DIR}/deploy/cluster/simulate --figures ${CMAKE_BINARY_DIR}/figures.json --users 20000 --models 1000 \
+--replicas 2,3")
+set_tests_properties(capacity PROPERTIES LABELS "cluster;long" SKIP_RETURN_CODE 77)

@@ -69,6 +69,11 @@ PY
 }
 check python3 "names of alerts and metrics" words
 check ./simulate simulate ./simulate --users 20000 --models 1000 --replicas 2,3
+reads() { # its figures are those that capacity writes
+    ./simulate --users 2000 --models 100 --replicas 2 --figures figures.json | grep -q "a picture $(python3 -c '
+import json; print("%.3g" % json.load(open("figures.json"))["picture_ms"])') ms"
+}
+check python3 "simulate --figures" reads
 shapes() {
     /usr/bin/python3 - <<'PY'
 import sys
@@ -139,7 +144,7 @@ check /usr/bin/python3 "compose.yaml and kubernetes" shapes
 options() { # every option that these files name is one of relightd's
     local word
     for word in $(grep -ohE -- '--[a-z][a-z-]+' compose.yaml kubernetes/relightd.yaml Containerfile | sort -u); do
-        case $word in --from | --preset | --build | --target | --stage | --images | --format | --page | --interval | --timeout | --start-period) continue ;; esac
+        case $word in --from | --preset | --build | --target | --stage | --images | --format | --build-arg | --page | --interval | --timeout | --start-period) continue ;; esac
         "$build/bin/relightd" --help | grep -q -- "$word" || { echo "relightd has no $word"; return 1; }
     done
 }
