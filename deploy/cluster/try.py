@@ -7,6 +7,7 @@ import http.client
 import json
 import math
 import os
+import queue
 import re
 import shutil
 import signal
@@ -55,6 +56,22 @@ def hold(what, good):
         bad.append(what)
 
 
+goals = []  # (number, measured, at most, unit)
+
+
+def goal(what, value, most, unit, good):
+    """A number beside its goal; beyond `good` the trial fails, or with RELIGHT_TRY_GOALS=1 beyond the goal."""
+    goals.append((what, value, most, unit))
+    strict = os.environ.get("RELIGHT_TRY_GOALS")
+    hold("%s: %.4g %s (goal %g)" % (what, value, unit, most), value <= (most if strict else good))
+
+
+def table():
+    print("%-62s %10s %10s" % ("number", "measured", "goal"))
+    for what, value, most, unit in goals:
+        print("%-62s %10.4g %10g %-3s %s" % (what, value, most, unit, "" if value <= most else "MISSED"))
+
+
 def until(seconds, call):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -80,7 +97,7 @@ class Replica:
         self.process = subprocess.Popen(
             [BIN + "/relightd", "--data", "%s/data%d" % (FOLDER, self.number), "--store", FOLDER + "/shared",
              "--rooms", DATABASE, "--runner", "slurm", "--slurm-folder", FOLDER + "/shared/slurm",
-             "--slurm-tasks", "2", "--bake-threads", "1", "--listen", self.address, "--listen", self.socket,
+             "--slurm-tasks", "4", "--bake-threads", "1", "--listen", self.address, "--listen", self.socket,
              "--http", "127.0.0.1:%d" % self.web, "--proxies", "127.0.0.2", "--store-poll", "0.5",
              "--lame-duck", "2", "--drain", "5"], stderr=log)
         log.close()
@@ -265,6 +282,49 @@ def overhead(proxy, direct):
     return medians
 
 
+def crossings(replicas, room):
+    """The slowest of eight pins from the call of `relight room pin` at one replica to its line in `relight room watch`
+    at the other, in milliseconds, the start of the first program included."""
+    slowest = 0.0
+    for a, b in (replicas, replicas[::-1]):
+        watch = subprocess.Popen([BIN + "/relight", "-s", b.socket, "room", "watch", room, "--json"], text=True,
+                                 stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=dict(os.environ, USER="bob"))
+        try:
+            come = queue.Queue()
+            reader = threading.Thread(target=lambda w=watch, q=come: [q.put((time.monotonic(), l)) for l in w.stdout],
+                                      daemon=True)
+            reader.start()
+            for i in range(5):
+                text = "from %d, number %d" % (a.number, i)
+                t = time.monotonic()
+                command(a.address, "room", "pin", room, text, "--at", "0,2,0.3,0.2")
+                line, end = "", t + 30
+                while text not in line and time.monotonic() < end:
+                    try:
+                        at, line = come.get(timeout=1)
+                    except queue.Empty:
+                        at = time.monotonic()
+                if i:  # the first comes while the watch still begins
+                    slowest = max(slowest, (at - t) * 1e3)
+        finally:
+            watch.kill()
+            watch.wait()
+    return slowest
+
+
+def same_bytes(front):
+    """Bytes in which an array of four tasks differs from a bake on this machine alone."""
+    with relight.Client(front) as c:
+        model = c.load(FOLDER + "/ball.obj", size_mm=11, name="four", samples=2000, **BAKE)
+    own = FOLDER + "/own.prt"
+    subprocess.run([BIN + "/prt", "bake", FOLDER + "/ball.obj", "--size-mm", "11", "--material", BAKE["material"],
+                    "--transport", BAKE["transport"], "--cube", str(BAKE["cube"]), "--samples", "2000", "-q", "-o", own],
+                   check=True)
+    with open(own, "rb") as f, open("%s/shared/bakes/%s/%s.prt" % (FOLDER, model[:2], model), "rb") as g:
+        one, other = f.read(), g.read()
+    return abs(len(one) - len(other)) + sum(x != y for x, y in zip(one, other))
+
+
 def account(clients, marks, what):
     """What each client saw since its mark."""
     worst = 0.0
@@ -294,13 +354,14 @@ def main():
         hold("two replicas are ready behind HAProxy, PostgreSQL and Slurm run",
              bool(until(30, lambda: all(r.ready() for r in replicas) and ask(web, "/readyz")[0] == 200)))
         through, direct = overhead(web, ports[1])
-        say("       a GET takes %.2f ms through the proxy, %.2f ms without (median): it adds %.2f ms"
-            % (through, direct, through - direct))
+        say("       a GET takes %.2f ms through the proxy, %.2f ms without (median)" % (through, direct))
+        goal("the proxy adds to a request, median", through - direct, 0.3, "ms", 100)
 
         ball(FOLDER + "/ball.obj")
         with relight.Client(front) as c:
             model = c.load(FOLDER + "/ball.obj", size_mm=10, name="ball", samples=3000, **BAKE)
-        hold("a model was loaded through the proxy, and baked by two tasks of Slurm", True)
+        hold("a model was loaded through the proxy, and baked by four tasks of Slurm", True)
+        goal("an array of four tasks: bytes that differ from a local bake", same_bytes(front), 0, "", 0)
         for r in replicas:
             with relight.Client(r.socket) as c:
                 c.colors(model, "constant")
@@ -311,16 +372,7 @@ def main():
         room = re.search(r"[0-9a-f]{32}", out)
         hold("a review room in PostgreSQL", room is not None)
         room = room.group(0)
-        times = []
-        for i in range(4):
-            a, b = replicas[i % 2], replicas[1 - i % 2]
-            room_state(b.socket, room)
-            code, out, err = command(a.address, "room", "pin", room, "crossing %d" % i, "--at", "0,2,0.3,0.2")
-            t = time.monotonic()
-            seen = until(5, lambda: ("crossing %d" % i) in json.dumps(room_state(b.socket, room) or {}))
-            times.append((time.monotonic() - t) * 1e3 if seen else 9999)
-        hold("a pin crosses from one replica to the other in %.0f ms at most, a command's start included"
-             % max(times), max(times) < 1000)
+        goal("a pin crosses to the other replica, slowest of eight", crossings(replicas, room), 300, "ms", 30000)
 
         writer = Writer(front, room)
         writer.pin = "2" # a room's first event is its creation
@@ -338,7 +390,8 @@ def main():
         until(20, replicas[0].ready)
         time.sleep(2)
         worst = account(clients, marks, "replica 1 killed (SIGKILL), started again 2 s later")
-        hold("the longest gap is %.2f s (goal 2 s)" % worst, worst < 4)
+        goal("a replica is killed: views and colours continue after", worst, 2, "s", 30)
+        goal("and a client connects again, most often", max(c.reconnects - m[1] for c, m in zip(clients, marks)), 1, "", 40)
         hold("%d pictures of a browser failed meanwhile" % (pictures.failed - pictures_before),
              pictures.failed - pictures_before <= 1)
 
@@ -355,8 +408,8 @@ def main():
             time.sleep(0.05)
         resumed = min((t for t in writer.times if back and t > back), default=None)
         account(clients, marks, "PostgreSQL killed (SIGKILL), back after %.1f s" % ((back or end) - killed))
-        hold("edits of rooms go on %.1f s after the database is back (goal 3 s)" % ((resumed or end) - (back or end)),
-             resumed is not None and resumed - back < 6)
+        goal("PostgreSQL is killed: edits go on after it is back", (resumed or end) - (back or end), 3, "s", 30)
+        hold("they go on", resumed is not None)
 
         marks = [c.mark() for c in clients]
         with relight.Client(front) as c:
@@ -379,9 +432,10 @@ def main():
             time.sleep(1.5)
         account(clients, marks, "both replicas restarted in turn")
         hold("they ended by themselves: %s" % statuses, statuses == [0, 0])
-        hold("%d pictures of a browser and %d edits failed meanwhile"
-             % (pictures.failed - pictures_before, writer.refused - refused),
-             pictures.failed == pictures_before)
+        say("       %d edits were refused meanwhile" % (writer.refused - refused))
+        goal("both replicas restart: requests of librelight's clients that failed",
+             sum(c.failed - m[2] for c, m in zip(clients, marks)), 0, "", 0)
+        goal("and pictures of a browser", pictures.failed - pictures_before, 0, "", 0)
 
         stop.set()
         for thread in [*clients, pictures, writer]:
@@ -389,8 +443,8 @@ def main():
         states = [until(10, lambda r=r: room_state(r.socket, room)) for r in replicas]
         texts = [json.dumps(s, sort_keys=True) for s in states]
         missing = [t for t in writer.acknowledged if json.dumps(t)[1:-1] not in texts[0]]
-        hold("%d edits were acknowledged, %d refused, %d lost" % (len(writer.acknowledged), writer.refused,
-                                                                len(missing)), not missing)
+        say("       %d edits were acknowledged, %d refused" % (len(writer.acknowledged), writer.refused))
+        goal("acknowledged edits that were lost", len(missing), 0, "", 0)
         hold("both replicas have the same room, sequence %s" % (states[0] or {}).get("sequence"),
              states[0] is not None and texts[0] == texts[1])
         for c in [*clients, pictures]:
@@ -409,6 +463,7 @@ def main():
             print("logs: " + FOLDER)
         else:
             shutil.rmtree(FOLDER, ignore_errors=True)
+    table()
     print("%d of the account's lines are wrong" % len(bad) if bad else "all as it should be")
     sys.exit(1 if bad else 0)
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a bake's settings need: bounds and memory.
+// What a bake's settings need: bounds, memory and time.
 //
 // The estimate adds up the largest arrays that are held at once, stage by stage. It was
 // compared with the largest VmHWM of the process; two threads, models 50 mm across, marble
@@ -29,7 +29,7 @@
 
 // Combinations that joint bases are trained with, a phase term (radials.c).
 enum { TRAIN_REFLECTANCE = 28, TRAIN_EXTINCTION = 10 };
-static const double PROGRAM = 48e6; // code and data of the program and its libraries
+static const double PROGRAM = 46e6; // code and data of the program and its libraries
 static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
 static const double MARGIN = 1.1;
 enum { EXIT_SUPPORTS = 3000, EXIT_LIGHT = 6 * 8 * 8 }; // of view.c
@@ -273,9 +273,58 @@ static double model_bytes(const struct prt_mesh *mesh)
     return mesh->n_vertex * 150.0 + mesh->n_triangle * 350.0;
 }
 
+// ---- time
+
+// CPU seconds of one core of a 2.x GHz server with AVX2, a unit of work each: fitted to
+// --profile of 14 bakes (spot of 3,225 vertices, a dragon of 5,891, a bunny of 34,835; 3,000 to
+// 30,000 samples; cubes of 16 and 32; marble and ketchup; a walk bake, a draft), which it meets
+// within a factor of 1.45.
+struct price {
+    double ray;        // of pass 1: a sample and a texel
+    double exit;       // single scattering: a vertex and a texel
+    double projection; // factors: a vertex and a texel
+    double pack;       // the same, done once
+    double vertex;     // cuts, products, range
+    double measuring;  // against the reference
+    double walk;       // a vertex and a walk
+};
+static const struct price prices[] = {
+    [PRT_TRANSPORT_WAVELET] = {1e-7, 7.5e-7, 1e-7, 6e-8, 3e-4, 4.6, 2e-5},
+    [PRT_TRANSPORT_POLYNOMIAL] = {1e-8, 2e-7, 0, 0, 6e-4, 4, 2e-5},
+    [PRT_TRANSPORT_JOINT] = {1e-7, 1.4e-6, 7e-7, 5e-7, 8e-4, 8, 7e-5},
+};
+enum { MOST_FACTORED = 80000 }; // vertices: clusters of larger models grow, their ranks do not
+
+// *once: of it what every shard does again, or one alone: pass 1, packing, measuring.
+static void count_seconds(const struct demand *d, double *seconds, double *once)
+{
+    const struct prt_bake_options *o = &d->b->o;
+    const struct price *p = &prices[o->engine];
+    const bool single = !o->no_single && prt_bake_any_single(d->b);
+    const double texels = d->coef, factored = fmin(d->vertices, MOST_FACTORED);
+    const double draft = o->draft ? 0.1 : 1, walks = o->n_walk ? o->n_walk : 256;
+    double rays = 7e-6 * d->samples + p->ray * (o->draft ? 0.6 : 1) * d->samples * texels;
+    double measured = p->measuring * (o->draft ? 0.3 : single ? 1 : 0.7) + 7e-5 * d->vertices;
+    double pack = p->pack * fmin(d->vertices, MOST_FACTORED / 8) * texels;
+    double parts = p->vertex * d->vertices + p->projection * factored * texels;
+    if (single || (o->engine == PRT_TRANSPORT_JOINT && !o->no_single))
+        parts += p->exit * draft * d->vertices * texels;
+    if (o->scattering == PRT_SCATTERING_WALK) {
+        parts += p->walk * d->vertices * walks;
+        measured *= 4;
+    }
+    *once = rays + measured + pack;
+    *seconds = *once + parts;
+}
+
+struct needs {
+    uint64_t bytes;
+    double cpu_s, once_s;
+};
+
 // spill: the bake keeps the rows of factored clusters on disk.
 static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                    const struct prt_bake_options *options, bool spill, uint64_t *bytes)
+                    const struct prt_bake_options *options, bool spill, struct needs *out)
 {
     struct prt_context quiet = ctx ? *ctx : (struct prt_context){0};
     struct bake b = {.ctx = &quiet, .mesh = mesh, .o = *options};
@@ -311,7 +360,8 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
     double work = d.area > 0 ? fmax(stages(&d, rows), measuring(&d)) : stages(&d, 0);
     double held = (double)kept + trees + rays + model_bytes(mesh);
     double all = PROGRAM + d.threads * A_THREAD + fmax(held + work, (double)making);
-    *bytes = (uint64_t)(MARGIN * all);
+    out->bytes = (uint64_t)(MARGIN * all);
+    count_seconds(&d, &out->cpu_s, &out->once_s);
     prt_free(b.dipole);
     return PRT_OK;
 }
@@ -319,18 +369,33 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes)
 {
-    int status = estimate(ctx, mesh, options, false, bytes);
-    if (status || !options->memory || *bytes <= options->memory) return status;
-    return estimate(ctx, mesh, options, true, bytes);
+    struct needs needs = {0};
+    int status = estimate(ctx, mesh, options, false, &needs);
+    if (!status && options->memory && needs.bytes > options->memory)
+        status = estimate(ctx, mesh, options, true, &needs);
+    if (!status) *bytes = needs.bytes;
+    return status;
+}
+
+int prt_bake_seconds(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                     const struct prt_bake_options *options, double *cpu_s, double *once_s)
+{
+    struct needs needs = {0};
+    int status = estimate(ctx, mesh, options, false, &needs);
+    if (status) return status;
+    *cpu_s = needs.cpu_s;
+    *once_s = needs.once_s;
+    return PRT_OK;
 }
 
 uint64_t prt_bake_spill_bytes(const struct prt_context *ctx, const struct prt_mesh *mesh,
                               const struct prt_bake_options *options)
 {
-    uint64_t all = 0, rest = 0;
+    struct needs all = {0}, rest = {0};
     if (!options->memory || estimate(ctx, mesh, options, false, &all) ||
-        all <= options->memory || estimate(ctx, mesh, options, true, &rest) || rest >= all)
+        all.bytes <= options->memory || estimate(ctx, mesh, options, true, &rest) ||
+        rest.bytes >= all.bytes)
         return 0;
-    return 2 * (all - rest) +
+    return 2 * (all.bytes - rest.bytes) +
            (UINT64_C(1) << 30); // a sparse file: what is not used costs nothing
 }

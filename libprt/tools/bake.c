@@ -5,6 +5,7 @@
 #include "prt/radial.h"
 
 #include <cjson/cJSON.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -310,6 +311,19 @@ static void note_etas(const struct tool *tool, const struct prt_media *media)
     prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %s", text);
 }
 
+static int print_estimate(struct tool *tool, const struct prt_mesh *mesh,
+                          const struct prt_bake_options *options, uint64_t bytes)
+{
+    double cpu_s, once_s;
+    int status = prt_bake_seconds(&tool->ctx, mesh, options, &cpu_s, &once_s);
+    if (status) return tool_exit(tool, status);
+    if (tool->opt.json)
+        printf("{\"memory_bytes\":%llu,\"cpu_seconds\":%.3g,\"cpu_seconds_once\":%.3g}\n",
+               (unsigned long long)bytes, cpu_s, once_s);
+    else printf("%llu %.0f %.0f\n", (unsigned long long)bytes, ceil(cpu_s), ceil(once_s));
+    return EXIT_DONE;
+}
+
 int run_bake(struct tool *tool)
 {
     const struct options *o = &tool->opt;
@@ -344,7 +358,8 @@ int run_bake(struct tool *tool)
     options.memory = usable_memory(o);
     uint64_t bytes = 0;
     exit_status = tool_exit(tool, prt_bake_memory(&tool->ctx, source.mesh, &options, &bytes));
-    if (!exit_status && o->estimate) printf("%llu\n", (unsigned long long)bytes);
+    if (!exit_status && o->estimate)
+        exit_status = print_estimate(tool, source.mesh, &options, bytes);
     if (!exit_status && !o->estimate) exit_status = limit_memory(tool, bytes);
     if (exit_status || o->estimate) goto done;
     settings = provenance(o);

@@ -230,7 +230,8 @@ const struct option_row option_table[] = {
      "when that does not suffice; 0: the estimate for the settings. Without it a bake makes do with "
      "half of what is free"},
     {"estimate", 0, NULL, OPTION_FLAG, AT(estimate), 0, 0, NULL, BAKE,
-     "print the estimated memory of the bake in bytes, and do not bake"},
+     "print what the bake is estimated to need, and do not bake: bytes of memory, CPU seconds, and "
+     "of them those that each shard takes"},
     {"accept-weak-sandbox", 0, NULL, OPTION_FLAG, AT(accept_weak_sandbox), 0, 0, NULL, EVERY,
      "decode files although the system cannot confine the decoding process"},
     {"json", 0, NULL, OPTION_FLAG, AT(json), 0, 0, NULL, EVERY,

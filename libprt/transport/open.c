@@ -461,3 +461,13 @@ bool prt_file_probe(const char *path)
     close(fd);
     return is;
 }
+
+uint32_t prt_file_version(const char *path)
+{
+    struct format_header h;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) return 0;
+    bool is = read(fd, &h, sizeof h) == (ssize_t)sizeof h && !memcmp(h.magic, FORMAT_MAGIC, 8);
+    close(fd);
+    return is ? h.version : 0;
+}

@@ -29,6 +29,7 @@
 #include <ftw.h>
 #include <malloc.h>
 #include <signal.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -269,9 +270,19 @@ static int choose_run(void)
 static int open_objects(void)
 {
     char fault[256];
-    if (!object_store_open(server.options.store, &server.objects, fault)) return 0;
-    log_line(LOG_ERR, "%s", fault);
-    return -1;
+    if (object_store_open(server.options.store, &server.objects, fault)) {
+        log_line(LOG_ERR, "%s", fault);
+        return -1;
+    }
+    double ahead_s = object_store_clock(server.objects);
+    if (fabs(ahead_s) > 30)
+        log_line(
+            LOG_WARN,
+            "this machine's clock is %.0f s %s that of --store: tokens, links and invitations "
+            "end so much %s here than at other replicas; set it by NTP",
+            fabs(ahead_s), ahead_s > 0 ? "ahead of" : "behind",
+            ahead_s > 0 ? "earlier" : "later");
+    return 0;
 }
 
 static int start_models(void)

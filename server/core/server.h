@@ -78,6 +78,9 @@ struct server {
     int access_level; /* enum log_level of the line about each request (--log-access) */
     /* Whether a guest of a room (a principal "guest:ID") may use the model of this id. */
     bool (*guest_may_see)(const struct server *server, const char *guest, const char *model);
+    /* The kin (struct model) of a model that a replica of another version baked; "": there is
+     * none of this id. NULL: one machine. */
+    const char *(*kin_of)(const struct server *server, const char *id);
     /* Replaces the list of tokens that replicas share; done(user, 0 or an errno, EAGAIN where
      * another replica changed it first). NULL: this daemon's list is its own. */
     void (*write_tokens)(struct server *server, const char *text,

@@ -95,7 +95,9 @@ char *load_source_text(const struct load *load);
 char *load_packed(const struct load *load);
 
 /* load_bake.c */
-void load_name_model(const struct load *load, char id[MODEL_ID + 1]);
+/* kin: the same where only the versions of baker and format differ, which are part of the id.
+ */
+void load_name_model(const struct load *load, char id[MODEL_ID + 1], char kin[MODEL_ID + 1]);
 /* Links a file under a name, with its folders, below `folder`. 0 or errno. Any thread. */
 int load_link_file(const char *from, const char *folder, const char *name);
 int load_run_lay_out(struct file_task *task);

@@ -108,13 +108,12 @@ static void add_materials(const struct load *load, struct relight_sha256 *sha)
     }
 }
 
-void load_name_model(const struct load *load, char id[MODEL_ID + 1])
+static void hash_load(const struct load *load, const char *versions, char id[MODEL_ID + 1])
 {
     struct relight_sha256 sha;
     struct load_args a = {0};
-    char hex[65], versions[64];
+    char hex[65];
     load_add_settings(&a, load_message(load));
-    snprintf(versions, sizeof versions, "bake %d, file %d", PRT_BAKE_VERSION, PRT_FILE_VERSION);
     relight_sha256_init(&sha);
     relight_sha256_add(&sha, versions, strlen(versions) + 1);
     relight_sha256_add(&sha, load->source, strlen(load->source) + 1);
@@ -126,6 +125,14 @@ void load_name_model(const struct load *load, char id[MODEL_ID + 1])
     relight_sha256_add(&sha, load->env, strlen(load->env) + 1);
     relight_sha256_hex(&sha, hex);
     snprintf(id, MODEL_ID + 1, "%.*s", MODEL_ID, hex);
+}
+
+void load_name_model(const struct load *load, char id[MODEL_ID + 1], char kin[MODEL_ID + 1])
+{
+    char versions[64];
+    snprintf(versions, sizeof versions, "bake %d, file %d", PRT_BAKE_VERSION, PRT_FILE_VERSION);
+    hash_load(load, versions, id);
+    hash_load(load, "any version", kin);
 }
 
 // ---- the folders: inputs under the names the model refers to (on a worker)

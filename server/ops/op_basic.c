@@ -530,6 +530,7 @@ void op_unload(struct request *request)
              request->conn->caller.name, m->id, m->owner, forget);
     if (!forget) m->pinned = false;
     model_hold(m);
+    if (forget) shared_models_forget_kin(request->server->shared_models, m);
     out.freed_bytes = model_unload(m, forget);
     out.state =
         forget ? RELIGHT__MODEL_STATE__MODEL_UNKNOWN : (Relight__ModelState)model_state(m);

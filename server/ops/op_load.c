@@ -289,14 +289,15 @@ static bool keep_source(struct load *load, struct model *m, bool fresh)
 void load_source_known(struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
-    char id[MODEL_ID + 1], error[256];
-    load_name_model(load, id);
+    char id[MODEL_ID + 1], kin[MODEL_ID + 1], error[256];
+    load_name_model(load, id, kin);
     struct model *m = models_get(load->server->models, id);
     bool fresh = !m;
     if (fresh && !(m = add_model(load, id, error))) {
         LOAD_FAIL(load, LIMIT, "%s", error);
         return;
     }
+    strcpy(m->kin, kin);
     const char *before = model_name_for(m, load->owner);
     bool own = !strcmp(m->owner, load->owner);
     bool other = strcmp(before, load->name) && (r->name[0] || !own);

@@ -18,13 +18,17 @@
 enum { LOAD_MS = 600000, MOST_REPLICAS = 64, DAY_S = 86400 };
 static const double stale_s = 10;
 static const uint64_t least_gap_ns = 200000000; // between two looks that requests cause
+static const uint64_t again_ns =
+    60000000000u; // between two tries to load what a dead one baked
 
 enum record_state { RECORD_READY, RECORD_BAKING, RECORD_PREVIEW };
 
 struct record {
     struct record *next;
     char id[MODEL_ID + 1], name[128], owner[96], replica[17];
-    uint64_t tag, bytes;
+    char kin[MODEL_ID + 1];
+    uint64_t tag, bytes, tried_ns; // tried_ns: its LOAD was repeated last; 0: never
+    uint32_t file;                 // version of its .prt
     enum record_state state;
     char *load; // hex digits
     bool seen;  // in the look that ended last
@@ -181,6 +185,9 @@ static void read_record(struct record *r, const cJSON *json)
     snprintf(r->name, sizeof r->name, "%s", text_of(json, "name"));
     snprintf(r->owner, sizeof r->owner, "%s", text_of(json, "owner"));
     snprintf(r->replica, sizeof r->replica, "%s", text_of(json, "replica"));
+    snprintf(r->kin, sizeof r->kin, "%s", text_of(json, "kin"));
+    r->file = record_version(json, "file");
+    r->tried_ns = 0;
     relight_utf8_cut(r->name);
     r->state = !strcmp(state, "ready")    ? RECORD_READY
                : !strcmp(state, "baking") ? RECORD_BAKING
@@ -191,11 +198,38 @@ static void read_record(struct record *r, const cJSON *json)
     r->load = load[0] ? strdup(load) : NULL;
 }
 
+// Made by a relightd whose .prt this one cannot read: it is left alone, and its LOAD is
+// repeated here when somebody asks for it.
+static bool is_foreign(const struct record *r)
+{
+    return r->file != PRT_FILE_VERSION;
+}
+
+static const char *kin_of(const struct server *server, const char *id)
+{
+    const struct record *r =
+        server->shared_models ? find_record(server->shared_models, id) : NULL;
+    return r && is_foreign(r) ? r->kin : "";
+}
+
+// A model of this replica's own that answers for the record's.
+static bool is_here(const struct shared_models *s, const struct record *r)
+{
+    const struct models *models = s->server->models;
+    return models_get(models, r->id) || (is_foreign(r) && models_kin(models, r->kin));
+}
+
+void shared_models_forget_kin(struct shared_models *s, const struct model *m)
+{
+    for (const struct record *r = s && m->kin[0] ? s->record : NULL; r; r = r->next)
+        if (is_foreign(r) && !strcmp(r->kin, m->kin)) model_forget_shared(s->server, r->id);
+}
+
 // The model is another's until this replica loads it itself.
 static void take_over(struct shared_models *s, const struct record *r, const cJSON *json)
 {
     struct model *m = models_get(s->server->models, r->id);
-    if (r->state != RECORD_READY) return;
+    if (r->state != RECORD_READY || is_foreign(r)) return;
     if (!m && !(m = model_add(s->server->models, r->id, r->name, r->owner))) return;
     if (m->job || m->preparing) return; // its own job finds the bake
     if (!m->recorded) {
@@ -206,6 +240,8 @@ static void take_over(struct shared_models *s, const struct record *r, const cJS
             m->warnings = strdup(text_of(json, "warnings"));
     }
     if (r->load && !m->load) m->load = strdup(r->load);
+    memcpy(m->kin, r->kin, sizeof m->kin);
+    m->bake_version = record_version(json, "bake");
     if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) {
         log_line(LOG_EVENT, "model id=%s name=\"%s\" was baked by another replica", m->id,
                  m->name);
@@ -372,7 +408,7 @@ static bool serve(struct shared_models *s, struct shared_model_waiter *w)
         if (!strcmp(p->id, w->loading)) return false;
     if (w->loading[0] || models_find(s->server->models, w->asker, w->name, error)) return true;
     for (const struct record *r = s->record; r; r = r->next) {
-        if (!is_called(r, w->name) || models_get(s->server->models, r->id)) continue;
+        if (!is_called(r, w->name) || is_here(s, r)) continue;
         if (!repeat_load(s, r)) continue;
         strcpy(w->loading, r->id);
         return false;
@@ -401,12 +437,19 @@ static void serve_all(struct shared_models *s)
     }
 }
 
+// What is not here and could be: of another version's only what it finished.
+static bool is_listed(const struct shared_models *s, const struct record *r)
+{
+    bool wanted = is_foreign(r) ? r->state != RECORD_BAKING : r->state != RECORD_READY;
+    return wanted && !is_here(s, r);
+}
+
 size_t shared_models_list(const struct shared_models *s, size_t from, struct shared_listed *out,
                           size_t most)
 {
     size_t n = 0, at = 0;
     for (const struct record *r = s ? s->record : NULL; r && n < most; r = r->next)
-        if (r->state != RECORD_READY && !models_get(s->server->models, r->id) && at++ >= from)
+        if (is_listed(s, r) && at++ >= from)
             out[n++] = (struct shared_listed){r->id, r->name, r->state == RECORD_BAKING};
     return n;
 }
@@ -436,10 +479,13 @@ static void forget_look(struct look *look)
 static void adopt_orphans(struct shared_models *s)
 {
     for (size_t i = 0; i < s->look.n_peer; i++)
-        for (struct record *r = s->record; r && s->look.peer[i].dead; r = r->next)
-            if (r->state == RECORD_BAKING && !strcmp(r->replica, s->look.peer[i].run) &&
-                !models_get(s->server->models, r->id))
-                (void)repeat_load(s, r);
+        for (struct record *r = s->record; r && s->look.peer[i].dead; r = r->next) {
+            uint64_t now = loop_now_ns();
+            if (r->state != RECORD_BAKING || strcmp(r->replica, s->look.peer[i].run) ||
+                is_here(s, r) || (r->tried_ns && now - r->tried_ns < again_ns))
+                continue;
+            if (repeat_load(s, r)) r->tried_ns = now;
+        }
 }
 
 static void take_look(struct shared_models *s)
@@ -543,6 +589,7 @@ int shared_models_create(struct server *server, struct shared_models **out)
     *out = s;
     server->fetch_then = shared_fetch_then;
     server->fetch_drop = shared_fetch_drop;
+    server->kin_of = kin_of;
     // Models that only this replica had, from before --store, are the others', too.
     for (struct model *m = NULL; (m = models_next(server->models, m));)
         if (!m->copy && m->state != RELIGHT__MODEL_STATE__MODEL_FAILED) model_remember(m);
@@ -553,6 +600,7 @@ int shared_models_create(struct server *server, struct shared_models **out)
 void shared_models_destroy(struct shared_models *s)
 {
     if (!s) return;
+    s->server->kin_of = NULL;
     s->stopping = true;
     loop_timer_stop(s->server->loop, &s->timer);
     while (s->replay) {

@@ -2,10 +2,12 @@
 /* shared_models.h owns what this replica knows of the models of the others (--store DIR):
  *
  *     every --store-poll seconds -> a worker lists DIR/records and reads those that changed
- *       a bake that is ready     -> a model here, whose file is fetched when somebody asks for
- * it a model without a bake   -> remembered; its LOAD is repeated here when somebody asks for
- * it one whose replica died   -> its LOAD is repeated here: the bake goes on a record that is
- * gone    -> the model was unloaded by somebody and goes here, too
+ *       a bake that is ready     -> a model here; its file is fetched when somebody asks
+ *       a model without a bake   -> remembered; its LOAD is repeated here when somebody asks
+ *       one of another version   -> the same: this replica bakes one of its own, and answers
+ *                                   with it also under the other's id
+ *       one whose replica died   -> its LOAD is repeated here: the bake goes on
+ *       a record that is gone    -> somebody unloaded the model: it goes here, too
  *
  * shared_fetch.c holds requests back that name what is not here. Loop thread only. */
 #ifndef RELIGHTD_SHARED_MODELS_H
@@ -38,6 +40,10 @@ struct shared_listed {
 };
 size_t shared_models_list(const struct shared_models *shared, size_t from,
                           struct shared_listed *out, size_t most);
+
+struct model;
+/* Somebody unloads the model for good: the same of other versions goes, too. NULL: nothing. */
+void shared_models_forget_kin(struct shared_models *shared, const struct model *model);
 
 /* shared_fetch.c: server->fetch_then. */
 void shared_fetch_then(struct request *request, bool ordered,

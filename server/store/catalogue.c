@@ -4,6 +4,7 @@
 
 #include "core/log.h"
 #include "frame.h"
+#include "prt/transport.h"
 #include "relight.pb-c.h"
 #include "store/disk.h"
 
@@ -100,6 +101,9 @@ void model_remember(struct model *m)
     cJSON_AddStringToObject(json, "state", state_word(m));
     if (m->load) cJSON_AddStringToObject(json, "load", m->load);
     if (m->bake_bytes) cJSON_AddNumberToObject(json, "bytes", (double)m->bake_bytes);
+    if (m->kin[0]) cJSON_AddStringToObject(json, "kin", m->kin);
+    cJSON_AddNumberToObject(json, "bake", m->bake_version);
+    cJSON_AddNumberToObject(json, "file", PRT_FILE_VERSION);
     cJSON_AddStringToObject(json, "replica", m->server->run);
     record_path(m->server, m->id, path);
     m->recorded = true;
@@ -116,6 +120,19 @@ void model_forget_record(struct model *m)
     m->recorded = false;
     record_path(m->server, m->id, path);
     if (!m->copy) file_remove(m->server->file_queue, path);
+}
+
+void model_forget_shared(struct server *server, const char *id)
+{
+    share_record(server, id, NULL, NULL);
+}
+
+uint32_t record_version(const cJSON *record, const char *of)
+{
+    const cJSON *n = cJSON_GetObjectItemCaseSensitive(record, of);
+    return cJSON_IsNumber(n) && n->valuedouble >= 1 && n->valuedouble < 1e6
+               ? (uint32_t)n->valuedouble
+               : RECORD_BEFORE;
 }
 
 static const char *json_text(const cJSON *json, const char *key)
@@ -154,6 +171,21 @@ static void recall_files(struct model *m, const struct stat *bake, const struct 
     }
 }
 
+// A relightd of another version of the format baked it: where replicas share a folder it is
+// theirs. Its file here is a copy, or belongs to this machine's earlier version and waits for
+// it.
+static bool is_foreign(const struct server *server, const char *id, const char *path)
+{
+    uint64_t bytes;
+    uint32_t version = object_store_shared(server->objects) ? prt_file_version(path) : 0;
+    if (!version || version == PRT_FILE_VERSION) return false;
+    bool copy = !object_find(server->objects, OBJECT_BAKE, id, &bytes);
+    log_line(LOG_EVENT, "model id=%s has a bake of version %u, this relightd reads %d: %s", id,
+             version, PRT_FILE_VERSION, copy ? "it stays in --store" : "it stays where it is");
+    if (copy) unlink(path);
+    return true;
+}
+
 // PRT_NOMEM: the record may be good, and must stay.
 static int recall(struct models *models, struct server *server, const char *id)
 {
@@ -168,6 +200,10 @@ static int recall(struct models *models, struct server *server, const char *id)
     prt_free(blob.bytes);
     if (!json && errno == ENOMEM) return PRT_NOMEM;
     model_bake_path(server, id, path);
+    if (is_foreign(server, id, path)) {
+        cJSON_Delete(json);
+        return PRT_OK;
+    }
     bool baked = !stat(path, &bake);
     model_preview_path(server, id, path);
     bool read = !stat(path, &preview);
@@ -185,6 +221,8 @@ static int recall(struct models *models, struct server *server, const char *id)
         if (json_text(json, "load")[0]) m->load = strdup(json_text(json, "load"));
         if (json_text(json, "source")[0]) m->source = strdup(json_text(json, "source"));
         snprintf(m->replaces, sizeof m->replaces, "%s", json_text(json, "replaces"));
+        snprintf(m->kin, sizeof m->kin, "%s", json_text(json, "kin"));
+        m->bake_version = record_version(json, "bake");
         m->removed = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "removed"));
         recall_names(m, json);
         recall_files(m, baked ? &bake : NULL, read ? &preview : NULL, baking);
@@ -286,7 +324,7 @@ static void adopt(struct models *models, const char *id, const struct stat *st)
 
 static void sweep(struct models *models, const struct server *server, const char *name)
 {
-    char folder[PATH_MAX], id[MODEL_ID + 1];
+    char folder[PATH_MAX], path[PATH_MAX + 256], id[MODEL_ID + 1];
     snprintf(folder, sizeof folder, "%s/%s", server->data, name);
     DIR *dir = opendir(folder);
     for (struct dirent *d; dir && (d = readdir(dir));) {
@@ -298,6 +336,8 @@ static void sweep(struct models *models, const struct server *server, const char
                     !strcmp(d->d_name + MODEL_ID, ".prt");
         if (ours && models_get(models, id)) continue;
         if (ours && !strcmp(name, "bakes")) {
+            snprintf(path, sizeof path, "%s/%s", folder, d->d_name);
+            if (is_foreign(server, id, path)) continue;
             adopt(models, id, &st);
             continue;
         }

@@ -56,6 +56,13 @@ void model_read_header(struct model *model);
 /* catalogue.c: DATA/models/ID.json, from which a restart restores the models. */
 void model_remember(struct model *model);
 void model_forget_record(struct model *model);
+/* Removes the record in --store of a model that is not here. */
+void model_forget_shared(struct server *server, const char *id);
+/* Versions of the baker and the format that made a record's bake; of a record that does not
+ * say it, written before records did, RECORD_BEFORE. */
+enum { RECORD_BEFORE = 2 };
+struct cJSON;
+uint32_t record_version(const struct cJSON *record, const char *of);
 /* Makes room: removes its files here. Where replicas share a folder its record stays there, and
  * a bake comes back when somebody asks for it. */
 void model_evict(struct model *model);

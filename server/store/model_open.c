@@ -219,6 +219,9 @@ static void damaged(struct model *m, const char *error)
     snprintf(m->error, sizeof m->error, "%s", error);
     log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
     if (m->copy || m->file) return;
+    // The folder that replicas share may have it whole: its record there is no longer this
+    // one's.
+    m->recorded &= !object_store_shared(m->server->objects);
     char path[PATH_MAX];
     model_bake_path(m->server, m->id, path);
     model_charge_bake(m, 0);

@@ -6,6 +6,7 @@
 #include "core/access.h"
 #include "core/log.h"
 #include "frame.h"
+#include "prt/bake.h"
 #include "relight.pb-c.h"
 #include "render/shared/poses.h"
 #include "store/disk.h"
@@ -154,6 +155,27 @@ static bool is_file_name(const struct models *models, const char *text)
     return import_called(models->server->imports, text, &at) != NULL;
 }
 
+// Whether the second is to be taken of two models that differ in the version that baked them.
+static bool is_better_kin(const struct model *m, const struct model *other)
+{
+    bool ready = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
+    bool other_ready = other->state == RELIGHT__MODEL_STATE__MODEL_READY;
+    return ready == other_ready ? other->bake_version > m->bake_version : other_ready;
+}
+
+static bool are_kin(const struct model *m, const struct model *other)
+{
+    return m->kin[0] && !strcmp(m->kin, other->kin);
+}
+
+struct model *models_kin(const struct models *models, const char *kin)
+{
+    struct model *found = NULL;
+    for (struct model *m = kin[0] ? models->model : NULL; m; m = m->next)
+        if (!strcmp(m->kin, kin) && (!found || is_better_kin(found, m))) found = m;
+    return found;
+}
+
 struct model *models_find(struct models *models, const char *asker, const char *text,
                           char error[256])
 {
@@ -162,6 +184,8 @@ struct model *models_find(struct models *models, const char *asker, const char *
     static bool (*const each[])(const struct model *, const char *,
                                 const char *) = {is_own, is_of_folder, has_prefix, is_named};
     struct model *found = models_get(models, text);
+    if (!found && models->server->kin_of)
+        found = models_kin(models, models->server->kin_of(models->server, text));
     if (is_guest(asker)) {
         const struct server *s = models->server;
         if (found && s->guest_may_see && s->guest_may_see(s, asker, text)) return found;
@@ -178,8 +202,9 @@ struct model *models_find(struct models *models, const char *asker, const char *
         }
         for (struct model *m = models->model; m; m = m->next)
             if (each[i](m, asker, text)) {
-                found = m;
-                n++;
+                bool kin = found && are_kin(found, m);
+                if (!kin || is_better_kin(found, m)) found = m;
+                n += !kin;
             }
         if (n == 1) return found;
         if (!n) continue;
@@ -247,6 +272,7 @@ struct model *model_add(struct models *models, const char *id, const char *name,
     m->server = models->server;
     m->state = RELIGHT__MODEL_STATE__MODEL_RECEIVED;
     m->generation = m->baked_generation = 1;
+    m->bake_version = PRT_BAKE_VERSION;
     m->users = 1; // the registry
     m->used_ns = wall_ns();
     snprintf(m->id, sizeof m->id, "%s", id);

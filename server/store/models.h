@@ -72,10 +72,13 @@ struct model {
     char successor[MODEL_ID + 1]; /* id, "": found by the name of the file */
     char replaces[MODEL_ID + 1];  /* id of the model whose names it takes once it is ready */
     /* Replicas that share a folder (--store). */
-    bool recorded;        /* its record is there, or on its way */
-    uint64_t recorded_ns; /* loop_now_ns() when it was last written */
-    int record_err;       /* of the last attempt to write it; -errno */
-    char *load;           /* hex digits of the packed LOAD: another replica can repeat it */
+    bool recorded;          /* its record is there, or on its way */
+    uint64_t recorded_ns;   /* loop_now_ns() when it was last written */
+    int record_err;         /* of the last attempt to write it; -errno */
+    char *load;             /* hex digits of the packed LOAD: another replica can repeat it */
+    char kin[MODEL_ID + 1]; /* of models that differ only in the versions of baker and format;
+                             * "": not known */
+    uint32_t bake_version;
     uint64_t away_bytes; /* of a bake that is in the folder, and perhaps not here; 0: unknown */
     char *source;        /* JSON: path, files and settings of the LOAD of a file that is
                           * no .prt (ops/repository.c); NULL: uploads, or a .prt */
@@ -130,6 +133,9 @@ struct model *models_find(struct models *models, const char *asker, const char *
 const char *model_name_for(const struct model *model, const char *asker);
 /* Of this id; NULL: none. */
 struct model *models_get(const struct models *models, const char *id);
+/* The one of this kin to take: one that is baked, by the newest version; NULL: there is none.
+ */
+struct model *models_kin(const struct models *models, const char *kin);
 /* Whether a name may stand for it: its file is there and has its content, and it takes no other
  * model's names only when it is ready. */
 bool model_is_named(const struct model *model);

@@ -15,6 +15,7 @@
 #include <string.h>
 #include <sys/random.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 static const char format_text[] = "relight store 1\n";
@@ -132,6 +133,17 @@ static int make_folder(const struct object_store *store, const char *name)
     return mkdir(path, 0700) && errno != EEXIST ? -errno : 0;
 }
 
+// A file that is written now has the folder's time.
+static void compare_clocks(struct object_store *store, int fd)
+{
+    struct timespec now;
+    struct stat st;
+    clock_gettime(CLOCK_REALTIME, &now);
+    if (fstat(fd, &st)) return;
+    store->ahead_s = (double)(now.tv_sec - st.st_mtim.tv_sec) +
+                     1e-9 * (double)(now.tv_nsec - st.st_mtim.tv_nsec);
+}
+
 static int check_format(struct object_store *store, char error[256])
 {
     char path[PATH_MAX], temporary[PATH_MAX], text[64] = "";
@@ -140,6 +152,7 @@ static int check_format(struct object_store *store, char error[256])
     int fd = open(temporary, O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600);
     int err = fd < 0 ? -errno : write_all(fd, format_text, strlen(format_text));
     if (!err && fsync(fd)) err = -errno;
+    if (!err) compare_clocks(store, fd);
     if (fd >= 0) close(fd);
     if (!err && link(temporary, path) && errno != EEXIST) err = -errno;
     unlink(temporary);
@@ -191,6 +204,11 @@ int object_store_open(const char *folder, struct object_store **out, char error[
     }
     *out = store;
     return 0;
+}
+
+double object_store_clock(const struct object_store *store)
+{
+    return store ? store->ahead_s : 0;
 }
 
 void object_store_close(struct object_store *store)

@@ -31,6 +31,10 @@ enum { OBJECT_ID = 64, OBJECT_TEXT = 1 << 20 }; /* hex digits; bytes of a record
  * the error's text. */
 int object_store_open(const char *folder, struct object_store **out, char error[256]);
 void object_store_close(struct object_store *store);
+/* Seconds by which this machine's clock is ahead of the folder's, as its opening found; 0: one
+ * machine, or none that matters. Claims and the age of objects do not depend on it; ends of
+ * tokens, links and invitations do. */
+double object_store_clock(const struct object_store *store);
 bool object_store_shared(const struct object_store *store);
 
 /* Copies an object to a private file, which appears whole; a blob's hash is checked. -ENOENT:

@@ -11,6 +11,7 @@
 struct object_store {
     char folder[3800];                           /* absolute; "": one machine */
     char owner[96];                              /* HOST-PID-DIGITS: no other process has it */
+    double ahead_s;                              /* this machine's clock before the folder's */
     _Atomic uint64_t last_temporary, last_count; /* of names; of texts of claims */
 };
 

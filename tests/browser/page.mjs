@@ -848,7 +848,7 @@ const scenarios = {
   },
 
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
-  ...replicaScenarios({ open, mode, start, stop, folder, PATIENCE }),
+  ...replicaScenarios({ open, mode, start, stop, daemon: () => daemon, folder, PATIENCE }),
   ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 
   // Last: a token closes the daemon for the others.

@@ -14,7 +14,7 @@ check() { # PROGRAM NAME COMMAND…
     made=$((made + 1))
     if out=$("$@" 2>&1); then echo "fine: $name${out:+ ($(echo "$out" | tail -1))}"; else echo "WRONG: $name"; echo "$out" | tail -20; bad=$((bad + 1)); fi
 }
-for script in try with_postgres with_slurm relight-slurm; do check bash "$script" bash -n "$script"; done
+for script in try with_postgres with_slurm relight-slurm image; do check bash "$script" bash -n "$script"; done
 check promtool alerts.yml promtool check rules alerts.yml
 check promtool alerts_test.yml promtool test rules alerts_test.yml
 proxy() {
@@ -69,6 +69,11 @@ PY
 }
 check python3 "names of alerts and metrics" words
 check ./simulate simulate ./simulate --users 20000 --models 1000 --replicas 2,3
+reads() { # its figures are those that capacity writes
+    ./simulate --users 2000 --models 100 --replicas 2 --figures figures.json | grep -q "a picture $(python3 -c '
+import json; print("%.3g" % json.load(open("figures.json"))["picture_ms"])') ms"
+}
+check python3 "simulate --figures" reads
 shapes() {
     /usr/bin/python3 - <<'PY'
 import sys
@@ -139,7 +144,7 @@ check /usr/bin/python3 "compose.yaml and kubernetes" shapes
 options() { # every option that these files name is one of relightd's
     local word
     for word in $(grep -ohE -- '--[a-z][a-z-]+' compose.yaml kubernetes/relightd.yaml Containerfile | sort -u); do
-        case $word in --from | --preset | --build | --install | --strip | --page | --interval | --timeout | --start-period | --no-install-recommends | --uid | --user-group | --home-dir) continue ;; esac
+        case $word in --from | --preset | --build | --target | --stage | --images | --format | --build-arg | --page | --interval | --timeout | --start-period) continue ;; esac
         "$build/bin/relightd" --help | grep -q -- "$word" || { echo "relightd has no $word"; return 1; }
     done
 }

@@ -66,6 +66,13 @@ echo "an array of 4 made the bytes of the local bake"
 id2=$(load 12000 | id_of)
 for _ in $(seq 600); do [ -n "$(squeue -h -t R -r)" ] && break; sleep .1; done
 read -r array _ <"nodes/$id2/.slurm/array"
+# Its time follows from the estimate, not from the partition, and what is to go is told.
+limit=$(squeue -h -r -j "$array" -o %l | sort -u)
+case $limit in [1-9]:00) ;; *) wrong "--time is $limit, of a partition of 1:00:00" ;; esac
+"$bin/prt" bake ball.obj --size-mm 10 --material marble --transport wavelet --samples 12000 --cube 16 --estimate -o x |
+    grep -qE '^[0-9]+ [0-9]+ [0-9]+$' || wrong "the estimate"
+grep -qE "Slurm job $array: 4 tasks of about [0-9]+ s, at most ${limit%%:*} min" slurm.log || wrong "the estimate is not told"
+echo "a task of the array has $limit"
 scontrol requeue "${array}_0" || wrong "task 0 could not be requeued"
 kill -9 "$daemon"
 wait "$daemon" 2>/dev/null
@@ -78,6 +85,23 @@ start local --bake-threads 1
 cmp "local/bakes/$id2.prt" "slurm/bakes/$id2.prt" || wrong "other bytes after a requeue and a restart"
 stop
 echo "a requeued task and a killed relightd: the same bytes"
+
+# By itself: progress with the seconds to go, at first the estimate.
+args=(bake ball.obj --size-mm 10 --material marble --transport wavelet --samples 400 --cube 16 --no-single)
+"$bin/relight-slurm" --tasks=2 -- "${args[@]}" --threads=1 -o "$T/direct.prt" --progress-fd 3 3>progress 2>out ||
+    wrong "relight-slurm: $(cat out)"
+"$bin/prt" "${args[@]}" -q -o "$T/own.prt" || wrong "prt bake"
+cmp direct.prt own.prt || wrong "other bytes of relight-slurm"
+task=$(sed -n 's/.* tasks of about \([0-9]*\) s.*/\1/p' out)
+awk -v task="$task" 'NF != 3 || $3 < 0 || $3 > task + 1 {exit 1} NR == 1 && $3 < task / 2 {exit 1}' progress ||
+    wrong "no time to go, of $task s: $(cat progress)"
+
+# A small bake is not worth several tasks.
+start few --runner slurm --slurm-folder "$T/nodes" --bake-threads 1
+id5=$(load 300 | id_of)
+ready "$id5" 90 || wrong "the small bake"
+grep -q ": 1 tasks of about" few.log || wrong "a small bake has several tasks"
+stop
 
 start slurm "${slurm[@]}"
 job=$(load 60000 --seed 5 | sed -n 's/.*job \(job-[0-9a-f-]*\).*/\1/p')
@@ -96,6 +120,6 @@ grep -qiE 'triangle|face|empty|nothing' out || wrong "no words for a broken mode
 id4=$(id_of <out)
 ready "$id4" 30
 "$bin/relight" info "$id4" >>out 2>&1
-grep -qE 'sbatch|memory' out || wrong "no words for a bake beyond the partition: $(cat out)"
+grep -qE 'sbatch|memory|estimated to take [0-9]+ minutes' out || wrong "no words for a bake beyond the partition: $(cat out)"
 echo "errors come in their own words"
 stop

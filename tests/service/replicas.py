@@ -8,7 +8,6 @@ import hashlib
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -21,74 +20,10 @@ except ImportError as missing:
     print("skipped: %s; deploy/dependencies --tests installs it" % missing)
     sys.exit(77)
 
-from web import OCTAHEDRON, sky
-
-sys.path.insert(0, sys.argv[2])
-import relight  # noqa: E402
+from replica import Replica, model_file, relight, until
+from web import sky
 
 BAKE = {"samples": 200, "cube": 16, "single_points": 2, "transport": "wavelet", "material": "marble"}
-
-
-class Replica:
-    def __init__(self, folder, number):
-        self.address = "unix:%s/s%d" % (folder, number)
-        self.folder, self.number, self.client = folder, number, None
-        self.start()
-
-    def start(self):
-        log = open("%s/log%d" % (self.folder, self.number), "ab")
-        path = self.address[5:]
-        if os.path.exists(path):
-            os.unlink(path)
-        self.process = subprocess.Popen(
-            [sys.argv[1] + "/relightd", "--data", "%s/data%d" % (self.folder, self.number), "--store",
-             self.folder + "/shared", "--listen", self.address, "--store-poll", "0.5"], stderr=log)
-        log.close()
-        end = time.monotonic() + 20
-        while not os.path.exists(path):
-            assert time.monotonic() < end and self.process.poll() is None, "it does not start"
-            time.sleep(0.01)
-
-    def log(self):
-        with open("%s/log%d" % (self.folder, self.number), encoding="utf-8", errors="replace") as f:
-            return f.read()
-
-    def ask(self):
-        if not self.client:
-            self.client = relight.Client(self.address)
-        return self.client
-
-    def kill(self):
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-        self.client = None
-
-    def stop(self):
-        self.process.terminate()
-        assert self.process.wait(30) == 0
-
-
-def model_file(folder, scale):
-    """An octahedron of another size: another model."""
-    path = "%s/ball-%g.obj" % (folder, scale)
-    with open(path, "wb") as f:
-        f.write(OCTAHEDRON + b"# %g\n" % scale)
-    return path
-
-
-def until(what, seconds, call):
-    end = time.monotonic() + seconds
-    while True:
-        try:
-            got = call()
-            if got is not None and got is not False:
-                return got
-        except relight.RelightError as error:
-            last = str(error)
-        else:
-            last = "not yet"
-        assert time.monotonic() < end, "%s: %s" % (what, last)
-        time.sleep(0.05)
 
 
 def each_serves_what_the_other_took(a, b, folder):

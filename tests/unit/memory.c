@@ -61,7 +61,7 @@ static void write_ball(const char *path)
 
 struct ended {
     int how;
-    double peak; // bytes
+    double peak, cpu_s; // bytes, seconds
     char out[2000];
 };
 
@@ -93,6 +93,8 @@ static struct ended run_prt(uint64_t data, const char *words)
     struct rusage used;
     assert_int_equal(wait4(pid, &e.how, 0, &used), pid);
     e.peak = (double)used.ru_maxrss * 1024;
+    e.cpu_s = (double)(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+              1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
     return e;
 }
 
@@ -113,7 +115,8 @@ static void test_the_estimate_is_what_a_bake_takes(void **state)
         const char *format = "bake ball.obj --size-mm 20 --threads 2 -q %s -o ball.prt%s";
         snprintf(words, sizeof words, format, settings[i], " --estimate");
         struct ended told_of = run_prt(0, words);
-        double estimate = strtod(told_of.out, NULL);
+        double estimate = 0, cpu_s = 0, once_s = 0;
+        sscanf(told_of.out, "%lf %lf %lf", &estimate, &cpu_s, &once_s);
         assert_int_equal(told_of.how, 0);
         snprintf(words, sizeof words, format, settings[i], " --memory 0");
         struct ended bake = run_prt(0, words);
@@ -121,6 +124,10 @@ static void test_the_estimate_is_what_a_bake_takes(void **state)
         print_message("%-76s estimate %4.0f MB, peak %4.0f MB: %.2f\n", settings[i],
                       estimate * 1e-6, bake.peak * 1e-6, estimate / bake.peak);
         assert_true(estimate >= bake.peak && estimate <= 1.6 * bake.peak);
+        print_message("%78s %4.0f s, CPU %4.1f s: %.2f\n", "", cpu_s, bake.cpu_s,
+                      cpu_s / bake.cpu_s);
+        // Twice the range of the calibration: another machine, and others on it.
+        assert_true(once_s <= cpu_s && cpu_s >= bake.cpu_s / 3 && cpu_s <= 3 * bake.cpu_s + 3);
     }
 }
 

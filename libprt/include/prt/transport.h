@@ -156,7 +156,9 @@ enum prt_transport_kind {
     PRT_TRANSPORT_JOINT = 2
 };
 
+#ifndef PRT_FILE_VERSION       /* a test builds programs of the next version */
 enum { PRT_FILE_VERSION = 2 }; /* of the .prt format that this library reads and writes */
+#endif
 
 /* Writes a .prt: little-endian, versioned, 64-byte aligned sections, each with an XXH3
  * checksum. The file appears whole or not at all (prt_writer). Blocks. PRT_FORMAT: the
@@ -184,6 +186,8 @@ uint64_t prt_file_hash(const struct prt_file *file);
 void prt_file_close(struct prt_file *file); /* NULL: nothing */
 /* Whether the file begins with a .prt's magic number; reads 8 bytes and logs nothing. */
 bool prt_file_probe(const char *path);
+/* The version in the file's header; 0: it is no .prt. */
+uint32_t prt_file_version(const char *path);
 
 /* Conversions between f32 and IEEE halves: round to nearest even, overflow saturates to 65504,
  * NaN stays NaN. The array forms give the same bits, in[n] to out[n]. */

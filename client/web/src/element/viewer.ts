@@ -114,6 +114,7 @@ export class RelightViewerElement extends HTMLElement {
       changed: (state) => this.connectionChanged(state),
     });
     this.client = client;
+    client.lookAt(this.state.model);
     void this.makeViewer(client);
     this.detach = attachGestures(this.stage, {
       orbit: () => this.state.orbit,
@@ -152,6 +153,7 @@ export class RelightViewerElement extends HTMLElement {
       if (this.hasAttribute("auto-rotate")) this.turn();
     } else {
       this.readAttributes();
+      this.client.lookAt(this.state.model);
       this.viewer?.show(this.state);
     }
   }

@@ -55,6 +55,8 @@ type Init<S extends DescMessage> = Parameters<typeof create<S>>[1];
 const RETRY_FIRST_MS = 400;
 const RETRY_MOST_MS = 8000;
 const PING_MS = 60000;
+// After GOAWAY of a daemon that shares its models: by then a proxy's checks have found that it leaves.
+const LEAVE_MS = 1200;
 const MOST_PATH = 120; // characters of a model in a path
 
 export class Client {
@@ -68,6 +70,7 @@ export class Client {
   private pending = new Map<bigint, Pending>();
   private retryMs = RETRY_FIRST_MS;
   private retryTimer: ReturnType<typeof setTimeout> | undefined;
+  private leaveTimer: ReturnType<typeof setTimeout> | undefined;
   private pingTimer: ReturnType<typeof setInterval> | undefined;
   private closed = false;
   private wanted = ""; // the model that is looked at
@@ -125,6 +128,7 @@ export class Client {
   }
 
   private reconnect(): void {
+    clearTimeout(this.leaveTimer);
     this.retryMs = RETRY_FIRST_MS;
     const socket = this.socket;
     this.socket = null;
@@ -138,6 +142,7 @@ export class Client {
   close(): void {
     this.closed = true;
     clearTimeout(this.retryTimer);
+    clearTimeout(this.leaveTimer);
     clearInterval(this.pingTimer);
     this.socket?.close();
     this.socket = null;
@@ -282,6 +287,7 @@ export class Client {
     if (this.socket !== socket) return;
     this.socket = null;
     this.hello = null;
+    clearTimeout(this.leaveTimer);
     clearInterval(this.pingTimer);
     this.failAll(new DisconnectedError());
     if (this.closed) return;
@@ -309,10 +315,19 @@ export class Client {
     if (frame.type === Type.Goaway) {
       const { drainMs } = fromBinary(GoawaySchema, frame.header);
       this.retryMs = Math.max(RETRY_FIRST_MS, Math.min(drainMs, 2000));
+      this.leave(drainMs);
       return;
     }
     if (frame.type === Type.Error) this.receiveError(frame);
     else if (frame.type & ANSWER) this.receiveAnswer(frame);
+  }
+
+  // Where replicas share their models another one goes on, before this one ends. Not all clients at once.
+  private leave(drainMs: number): void {
+    if (!this.hello?.shares) return;
+    const wait = Math.min(LEAVE_MS, drainMs / 3) * (0.8 + 0.4 * Math.random());
+    clearTimeout(this.leaveTimer);
+    this.leaveTimer = setTimeout(() => this.reconnect(), wait);
   }
 
   private receiveError(frame: Frame): void {

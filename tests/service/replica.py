@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""Replicas of relightd on one folder, for the tests of them; argv[1], argv[2] are the folders of the programs and of
+the Python package."""
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from web import OCTAHEDRON
+
+sys.path.insert(0, sys.argv[2])
+import relight  # noqa: E402
+
+
+class Replica:
+    def __init__(self, folder, number, programs=sys.argv[1], more=(), env=None):
+        self.programs, self.more, self.env = programs, more, env
+        self.address = "unix:%s/s%d" % (folder, number)
+        self.folder, self.number, self.client = folder, number, None
+        self.start()
+
+    def start(self):
+        path = self.address[5:]
+        if os.path.exists(path):
+            os.unlink(path)
+        self.process = self.start_process(self.programs, self.folder, self.number, self.folder + "/shared",
+                                          self.more, self.env)
+        end = time.monotonic() + 60
+        while not os.path.exists(path):
+            assert time.monotonic() < end and self.process.poll() is None, "it does not start"
+            time.sleep(0.01)
+
+    @staticmethod
+    def start_process(programs, folder, number, shared, more=(), env=None):
+        with open("%s/log%d" % (folder, number), "ab") as log:
+            return subprocess.Popen(
+                [programs + "/relightd", "--data", "%s/data%d" % (folder, number), "--store", shared,
+                 "--listen", "unix:%s/s%d" % (folder, number), "--store-poll", "0.5", *more], stderr=log, env=env)
+
+    def log(self):
+        with open("%s/log%d" % (self.folder, self.number), encoding="utf-8", errors="replace") as f:
+            return f.read()
+
+    def ask(self):
+        if not self.client:
+            self.client = relight.Client(self.address)
+        return self.client
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        self.client = None
+
+    def stop(self):
+        self.process.terminate()
+        assert self.process.wait(30) == 0
+
+
+def model_file(folder, scale):
+    """An octahedron of another size: another model."""
+    path = "%s/ball-%g.obj" % (folder, scale)
+    with open(path, "wb") as f:
+        f.write(OCTAHEDRON + b"# %g\n" % scale)
+    return path
+
+
+def until(what, seconds, call):
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            got = call()
+            if got is not None and got is not False:
+                return got
+        except relight.RelightError as error:
+            last = str(error)
+        else:
+            last = "not yet"
+        assert time.monotonic() < end, "%s: %s" % (what, last)
+        time.sleep(0.05)
