@@ -104,6 +104,18 @@ expect 0 load small.obj --remote --name twin --size-mm 20 --material wholemilk -
 expect 0 room scene "$room" --model twin
 expect 0 room anchors "$room"
 says 'pin 2  on its triangle, as it was'
+# So has a preview: a pin goes from a bake to it, and from it to a bake.
+expect 0 load small.obj --remote --name early --size-mm 20 --material skin1 --preview
+expect 0 room scene "$room" --model early
+expect 0 room anchors "$room"
+says 'pin 2  on its triangle, as it was'
+expect 0 room create early --model early --env constant --size 96x64
+expect 0 room pin early 'before the bake' --at 0,5,0.3,0.2
+expect 0 room show early 2 --json
+grep -q '"mesh_hash":"[0-9a-f]\{16\}"' out && ! grep -q bake_hash out || fail "the preview's pin: $(cat out)"
+expect 0 room scene early --model twin
+expect 0 room anchors early
+says 'pin 2  on its triangle, as it was'
 expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model fine
 expect 0 room anchors "$room"
