@@ -178,9 +178,30 @@ export class Viewer {
     if (this.frame) this.stage?.setCamera(this.placed(state), this.frame.radius);
   }
 
-  /** The mesh that is drawn here; null: the daemon draws, or nothing is shown. */
+  /** The surface of the model that is shown; null: it is not here. */
   get shape(): Mesh | null {
-    return this.mesh;
+    if (this.status.mode !== "pictures") return this.mesh;
+    return this.surfaceOf === this.shownKey ? this.surface : null;
+  }
+  private get shownKey(): string {
+    return this.info ? `${this.info.model} ${this.info.generation}` : "";
+  }
+  private surface: Mesh | null = null; // of a model that the daemon draws
+  private surfaceOf = "";
+  /** Fetches the surface of a model that the daemon draws, so that it can be pointed at. */
+  async bringShape(): Promise<void> {
+    const { info, shownKey: key } = this;
+    if (this.status.mode !== "pictures" || !info || key === this.surfaceOf) return;
+    this.surfaceOf = key;
+    this.surface = null;
+    try {
+      const { mesh } = await fetchMesh(this.client, info.model, false);
+      if (key !== this.surfaceOf) return;
+      this.surface = mesh;
+      this.setStatus({ ...this.status });
+    } catch (error) {
+      this.events.fault(error as Error); // it is fetched again when the model is opened again
+    }
   }
   /** The thickness that is drawn brightest: half of the model's diagonal. */
   get thickestMm(): number {
@@ -215,6 +236,7 @@ export class Viewer {
   /** Opens the model of the state anew: after a choice, a connection, or the end of a bake. */
   async open(): Promise<void> {
     const turn = ++this.opening;
+    if (!this.surface) this.surfaceOf = "";
     const current = () => turn === this.opening;
     this.closeView();
     const { state } = this;
