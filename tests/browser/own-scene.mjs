@@ -194,6 +194,23 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       const anchor = JSON.parse(relight("room", "anchors", idOf(ann), "--json"));
       assert.equal(anchor.state, "same");
       assert.equal(anchor.at.triangle, at.triangle ?? 0);
+      // Its picture needs the model: where that is gone the thread says so, and so does the print.
+      relight("unload", "early", "--forget");
+      const bob = await enter(ann.url().replace(/#.*/, ""), "Bob");
+      await bob.locator(".room-bar").waitFor(PATIENCE);
+      await mode(bob, "mesh");
+      await bob.locator(".pin-title").click();
+      await bob
+        .locator(".thread")
+        .getByText(/This cannot be drawn: .*no such model/)
+        .waitFor(PATIENCE);
+      await shot(bob, "room-undrawn");
+      await bob.evaluate(() => {
+        globalThis.print = () => (globalThis.printed = true);
+      });
+      await bob.getByRole("button", { name: "Print" }).click();
+      await until(bob, () => globalThis.printed);
+      await bob.context().close();
       await ann.context().close();
     },
   };

@@ -177,6 +177,19 @@ r = json.load(open('export/room.json'))
 h = json.load(open('export/history.json'))
 assert len(h) == r['sequence'] and [e['stamp']['sequence'] for e in h] == list(range(1, len(h) + 1))
 END
+    # Media by object are exported each for itself.
+    { echo 'o Ball 1'; cat small.obj; } >parts.obj
+    expect 0 load parts.obj --remote --size-mm 20 --material marble --preview
+    expect 0 room create media --model parts --env constant --size 96x64
+    expect 0 room act media '{"scene": {"parts": ["shade"], "scene": {"shade": {"materials": [
+        {"object": "Ball 1", "material": "skin1"}]}}}}'
+    expect 0 room approve media
+    expect 0 room export media -o media
+    for name in material material-Ball_1-1; do
+        for kind in json gltf mtlx; do [ -s "media/$name.$kind" ] || fail "media/$name.$kind: $(ls media)"; done
+    done
+    grep -q 'skin1' media/material-Ball_1-1.json && grep -q 'marble' media/material.json ||
+        fail "the media of objects: $(cat media/material*.json)"
     # ---- the same bytes over a restart, and from a copy of the store
     expect 0 room backup -o copy.sqlite
     kill -KILL $daemon && wait $daemon 2>/dev/null
