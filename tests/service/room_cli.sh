@@ -181,8 +181,8 @@ END
     { echo 'o Ball 1'; cat small.obj; } >parts.obj
     expect 0 load parts.obj --remote --size-mm 20 --material marble --preview
     expect 0 room create media --model parts --env constant --size 96x64
-    expect 0 room act media '{"scene": {"parts": ["shade"], "scene": {"shade": {"materials": [
-        {"object": "Ball 1", "material": "skin1"}]}}}}'
+    expect 0 room scene media --material 'Ball 1=skin1'
+    expect 0 room scene media --engine texture # the medium stays
     expect 0 room approve media
     expect 0 room export media -o media
     for name in material material-Ball_1-1; do
