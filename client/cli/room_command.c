@@ -178,11 +178,33 @@ static int revoke(struct room_call *c)
 
 // ---- the scene
 
+// Of the room's shade what was not named stays.
+static int keep_shade(struct room_call *c, cJSON *scene)
+{
+    cJSON *shade = cJSON_GetObjectItem(scene, "shade");
+    const cJSON *field;
+    if (!shade) return EXIT_DONE;
+    cJSON *state = room_state(c);
+    if (!state) return EXIT_FAILED;
+    cJSON_ArrayForEach(field, list_of(list_of(state, "scene"), "shade"))
+    {
+        if (!cJSON_GetObjectItem(shade, field->string))
+            cJSON_AddItemToObject(shade, field->string, cJSON_Duplicate(field, 1));
+    }
+    cJSON_Delete(state);
+    return EXIT_DONE;
+}
+
 static int set_scene(struct room_call *c)
 {
     cJSON *scene, *parts;
     int status = room_scene(c, &scene, &parts);
     if (status) return status;
+    if ((status = keep_shade(c, scene))) {
+        cJSON_Delete(scene);
+        cJSON_Delete(parts);
+        return status;
+    }
     cJSON *m = cJSON_CreateObject();
     cJSON_AddItemToObject(m, "scene", scene);
     cJSON_AddItemToObject(m, "parts", parts);

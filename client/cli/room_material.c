@@ -17,13 +17,19 @@ static const cJSON *approval(const cJSON *state)
     return found;
 }
 
+// malloc()ed; NULL where there is none.
+static char *text_copy(const cJSON *material)
+{
+    if (cJSON_IsObject(material)) return cJSON_PrintUnformatted(material);
+    return cJSON_IsString(material) ? strdup(material->valuestring) : NULL;
+}
+
 // The material's text of the approved revision, malloc()ed; the model's own where it has none.
 static char *material_text(struct room_call *c, const cJSON *scene)
 {
     const cJSON *material = list_of(scene, "material");
     struct relight_model model;
-    if (cJSON_IsObject(material)) return cJSON_PrintUnformatted(material);
-    if (cJSON_IsString(material)) return strdup(material->valuestring);
+    if (cJSON_IsObject(material) || cJSON_IsString(material)) return text_copy(material);
     if (relight_info(c->client, text_of(scene, "model"), &model, &c->error)) return NULL;
     char *text = strdup(model.material ? model.material : "");
     relight_model_finish(&model);
@@ -110,30 +116,55 @@ static int write_in(struct room_call *c, const char *name, char *text)
     return status;
 }
 
+// A material's text as name.json, name.gltf and name.mtlx; frees the text.
+static int export_text(struct room_call *c, char *text, const char *name)
+{
+    struct relight_medium m;
+    char file[100];
+    int status = text ? relight_material(c->client, text, &m, &c->error) : -1;
+    free(text);
+    if (status) return room_failed(c);
+    snprintf(file, sizeof file, "%s.json", name);
+    status = write_in(c, file, strdup(m.json));
+    if (m.profile && !c->options->json)
+        fprintf(stderr,
+                "relight: %s has a profile of its own: glTF and MaterialX hold the "
+                "nearest medium\n",
+                name);
+    cJSON *json = gltf(&m);
+    snprintf(file, sizeof file, "%s.gltf", name);
+    if (!status) status = write_in(c, file, cJSON_Print(json));
+    cJSON_Delete(json);
+    snprintf(file, sizeof file, "%s.mtlx", name);
+    if (!status) status = write_in(c, file, materialx(&m));
+    relight_medium_finish(&m);
+    return status;
+}
+
+// "material-OBJECT"; with its number where the object's name is none for a file.
+static void name_of(char out[80], const char *object, int number)
+{
+    int n = snprintf(out, 80, "material-%.60s", object);
+    bool plain = strlen(object) <= 60;
+    for (char *at = out; *at; at++)
+        if (!strchr("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.", *at))
+            *at = '_', plain = false;
+    if (!plain) snprintf(out + n, 80 - (size_t)n, "-%d", number);
+}
+
 int export_material(struct room_call *c, const cJSON *state)
 {
-    const cJSON *decision = approval(state);
+    const cJSON *decision = approval(state), *own;
     if (!decision) return EXIT_DONE;
-    int at = (int)number_of(list_of(decision, "seen"), "revision");
-    const cJSON *revision = cJSON_GetArrayItem(list_of(state, "revisions"), at - 1);
-    char *text = material_text(c, list_of(revision, "scene"));
-    struct relight_medium m;
-    if (!text || relight_material(c->client, text, &m, &c->error)) {
-        free(text);
-        return room_failed(c);
+    int at = (int)number_of(list_of(decision, "seen"), "revision"), number = 0;
+    const cJSON *scene =
+        list_of(cJSON_GetArrayItem(list_of(state, "revisions"), at - 1), "scene");
+    int status = export_text(c, material_text(c, scene), "material");
+    cJSON_ArrayForEach(own, list_of(list_of(scene, "shade"), "materials"))
+    {
+        char name[80];
+        name_of(name, text_of(own, "object"), ++number);
+        if (!status) status = export_text(c, text_copy(list_of(own, "material")), name);
     }
-    free(text);
-    int status = write_in(c, "material.json", strdup(m.json));
-    if (m.profile) {
-        if (!c->options->json)
-            fprintf(stderr,
-                    "relight: the material has a profile of its own: glTF and MaterialX "
-                    "hold the nearest medium\n");
-    }
-    cJSON *json = gltf(&m);
-    if (!status) status = write_in(c, "material.gltf", cJSON_Print(json));
-    cJSON_Delete(json);
-    if (!status) status = write_in(c, "material.mtlx", materialx(&m));
-    relight_medium_finish(&m);
     return status;
 }

@@ -86,17 +86,31 @@ static int add_model(struct room_call *c, cJSON *scene, cJSON *parts)
     return EXIT_DONE;
 }
 
+// The engine and the media by object.
+static void add_shade(const struct options *o, cJSON *scene, cJSON *parts)
+{
+    if (!o->shade.engine && !o->n_material) return;
+    cJSON *shade = cJSON_AddObjectToObject(scene, "shade");
+    cJSON_AddItemToArray(parts, cJSON_CreateString("shade"));
+    if (o->shade.engine)
+        cJSON_AddStringToObject(shade, "engine", relight_engine_name(o->shade.engine));
+    if (!o->n_material) return;
+    cJSON *list = cJSON_AddArrayToObject(shade, "materials");
+    for (size_t i = 0; i < o->n_material; i++) {
+        cJSON *own = cJSON_CreateObject();
+        cJSON_AddStringToObject(own, "object", o->materials[i].object);
+        cJSON_AddStringToObject(own, "material", o->materials[i].material);
+        cJSON_AddItemToArray(list, own);
+    }
+}
+
 static void add_rest(const struct options *o, cJSON *scene, cJSON *parts)
 {
     if (o->material) {
         cJSON_AddStringToObject(scene, "material", o->material);
         cJSON_AddItemToArray(parts, cJSON_CreateString("material"));
     }
-    if (o->shade.engine) {
-        cJSON *shade = cJSON_AddObjectToObject(scene, "shade");
-        cJSON_AddStringToObject(shade, "engine", relight_engine_name(o->shade.engine));
-        cJSON_AddItemToArray(parts, cJSON_CreateString("shade"));
-    }
+    add_shade(o, scene, parts);
     if (has_camera(&o->picture.camera)) {
         add_camera(scene, &o->picture.camera);
         cJSON_AddItemToArray(parts, cJSON_CreateString("camera"));

@@ -300,23 +300,6 @@ int prt_bake_irradiance(struct bake *b)
     return status;
 }
 
-static uint64_t mesh_hash(const struct prt_mesh *m)
-{
-    uint64_t h = prt_hash64(m->position, (size_t)m->n_vertex * 12, 1);
-    h = prt_hash64(m->normal, (size_t)m->n_vertex * 12, h);
-    h = prt_hash64(m->triangle, (size_t)m->n_triangle * 12, h);
-    h = prt_hash64(m->block, (size_t)m->n_block * sizeof *m->block, h);
-    if (!prt_mesh_has_look(m)) return h;
-    if (m->uv) h = prt_hash64(m->uv, (size_t)m->n_vertex * 8, h);
-    if (m->n_uv > 1) h = prt_hash64(m->uv_more, (m->n_uv - 1ull) * m->n_vertex * 8, h);
-    if (m->corner_uv) h = prt_hash64(m->corner_uv, (size_t)m->n_triangle * 24, h);
-    if (m->color) h = prt_hash64(m->color, (size_t)m->n_vertex * 16, h);
-    if (m->maps) h = prt_hash64(m->maps, m->n_surface * sizeof *m->maps, h);
-    for (uint32_t i = 0; i < m->n_image; i++)
-        h = prt_hash64(m->image[i].hash, sizeof m->image[i].hash, h);
-    return prt_hash64(&m->texture_split, sizeof m->texture_split, h);
-}
-
 // Relative errors of the finished bake as JSON, to free(). A polynomial bake is measured under
 // the light that it fixed.
 static int examine(struct bake *b, char **errors)
@@ -464,7 +447,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     b.out.media = b.o.media;
     b.out.cube = b.o.cube;
     b.out.engine = b.o.engine;
-    b.out.mesh_hash = mesh_hash(mesh);
+    b.out.mesh_hash = prt_mesh_hash(mesh);
     status = prepare(&b);
     if (status == PRT_OK) status = run_shard(&b, out_path, &missing);
     if (status == PRT_OK && !missing) status = measure_and_write(&b, out_path);

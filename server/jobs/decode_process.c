@@ -112,7 +112,8 @@ static int write_mesh(const struct prt_context *ctx, const char *out,
                               .engine = PRT_TRANSPORT_JOINT,
                               .n_tensor = 1,
                               .settings = "{}",
-                              .errors = "{}"};
+                              .errors = "{}",
+                              .mesh_hash = prt_mesh_hash(mesh)};
     uint32_t *order = prt_alloc(mesh->n_vertex, sizeof *order), n = 0, n_cluster = 0;
     struct prt_cluster *cluster = prt_calloc(mesh->n_block, sizeof *cluster);
     int status = order && cluster

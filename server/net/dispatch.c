@@ -205,7 +205,8 @@ static void run_operation(struct request *request)
 static void take_one_way(struct connection *conn, const struct relight_frame *frame,
                          const struct operation *operation)
 {
-    static const struct relight_header_limits limits = {64, 4096};
+    // ROOM_PRESENCE may have two scenes, of 16 lights and 64 media by object each.
+    static const struct relight_header_limits limits = {640, 256 << 10};
     struct relight_header_cost cost;
     char error[RELIGHT_HEADER_ERROR];
     static const uint8_t empty[1];

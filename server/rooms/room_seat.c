@@ -16,7 +16,7 @@
 static const size_t most_unsent = 256 << 10; // bytes of answers that wait: then events wait
 static const size_t most_batch = 256 << 10;
 static const uint64_t later_ns = 50000000, tick_ns = 30000000;
-enum { MAX_PRESENCE = 4096 }; // bytes of one participant
+enum { MAX_PRESENCE = 16384 }; // bytes of one participant
 
 struct seat {
     struct seat *next;
@@ -254,10 +254,11 @@ static const char *me_fault(const Relight__Participant *me, char error[ROOM_ERRO
 {
     if (strlen(me->name) > ROOM_MAX_PERSON) return "me.name: at most 64 bytes";
     if (protobuf_c_message_get_packed_size(&me->base) > MAX_PRESENCE)
-        return "me: a participant takes at most 4096 bytes";
+        return "me: a participant takes at most 16384 bytes";
     if (me->n_hand_parts > ROOM_N_PART) return "me.hand_parts: at most 6 parts";
-    if (!room_message_sane(&me->base, error) || room_scene_check(me->hand, error)) return error;
-    return NULL;
+    bool sane = room_message_sane(&me->base, error) && !room_scene_check(me->hand, error) &&
+                !room_scene_check(me->own, error);
+    return sane ? NULL : error;
 }
 
 // Whose hand moves the shared scene may also change it.

@@ -40,8 +40,7 @@ static void fill_and_go(struct seen_wait *w, struct request *request)
     static const int engines[] = {RELIGHT__ENGINE__ENGINE_WAVELET,
                                   RELIGHT__ENGINE__ENGINE_POLYNOMIAL,
                                   RELIGHT__ENGINE__ENGINE_JOINT};
-    if (t->mesh_hash) // previews have none
-        snprintf(mesh, sizeof mesh, "%016llx", (unsigned long long)t->mesh_hash);
+    if (t->mesh_hash) snprintf(mesh, sizeof mesh, "%016llx", (unsigned long long)t->mesh_hash);
     if (baked) snprintf(bake, sizeof bake, "%016llx", (unsigned long long)prt_file_hash(file));
     seen.model = w->model->id;
     seen.mesh_hash = mesh;

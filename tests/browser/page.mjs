@@ -16,6 +16,7 @@ import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import assert from "node:assert/strict";
+import { ownScenarios } from "./own-scene.mjs";
 import { replicaScenarios } from "./replicas.mjs";
 import { reviewScenarios } from "./review.mjs";
 import { roomScenarios } from "./rooms.mjs";
@@ -848,6 +849,7 @@ const scenarios = {
   },
 
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
+  ...ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE }),
   ...replicaScenarios({ open, mode, start, stop, daemon: () => daemon, folder, PATIENCE }),
   ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 

@@ -104,6 +104,18 @@ expect 0 load small.obj --remote --name twin --size-mm 20 --material wholemilk -
 expect 0 room scene "$room" --model twin
 expect 0 room anchors "$room"
 says 'pin 2  on its triangle, as it was'
+# So has a preview: a pin goes from a bake to it, and from it to a bake.
+expect 0 load small.obj --remote --name early --size-mm 20 --material skin1 --preview
+expect 0 room scene "$room" --model early
+expect 0 room anchors "$room"
+says 'pin 2  on its triangle, as it was'
+expect 0 room create early --model early --env constant --size 96x64
+expect 0 room pin early 'before the bake' --at 0,5,0.3,0.2
+expect 0 room show early 2 --json
+grep -q '"mesh_hash":"[0-9a-f]\{16\}"' out && ! grep -q bake_hash out || fail "the preview's pin: $(cat out)"
+expect 0 room scene early --model twin
+expect 0 room anchors early
+says 'pin 2  on its triangle, as it was'
 expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model fine
 expect 0 room anchors "$room"
@@ -165,6 +177,19 @@ r = json.load(open('export/room.json'))
 h = json.load(open('export/history.json'))
 assert len(h) == r['sequence'] and [e['stamp']['sequence'] for e in h] == list(range(1, len(h) + 1))
 END
+    # Media by object are exported each for itself.
+    { echo 'o Ball 1'; cat small.obj; } >parts.obj
+    expect 0 load parts.obj --remote --size-mm 20 --material marble --preview
+    expect 0 room create media --model parts --env constant --size 96x64
+    expect 0 room scene media --material 'Ball 1=skin1'
+    expect 0 room scene media --engine texture # the medium stays
+    expect 0 room approve media
+    expect 0 room export media -o media
+    for name in material material-Ball_1-1; do
+        for kind in json gltf mtlx; do [ -s "media/$name.$kind" ] || fail "media/$name.$kind: $(ls media)"; done
+    done
+    grep -q 'skin1' media/material-Ball_1-1.json && grep -q 'marble' media/material.json ||
+        fail "the media of objects: $(cat media/material*.json)"
     # ---- the same bytes over a restart, and from a copy of the store
     expect 0 room backup -o copy.sqlite
     kill -KILL $daemon && wait $daemon 2>/dev/null

@@ -5,6 +5,7 @@
 
 #include "lone_daemon.h"
 
+#include <math.h>
 #include <sys/resource.h>
 
 static void free_state(Relight__RoomState *s)
@@ -213,6 +214,67 @@ static void a_hand_is_seen(void **unused)
             assert_true(!who->hand && !who->n_hand_parts && !who->leads);
         relight__presence__free_unpacked(p, NULL);
     } while (at != RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    frames_close(bob);
+    frames_close(ann);
+    end();
+}
+
+// Adds ROOM_PRESENCE of someone who looks around alone, at a light with so many texels and a
+// material of so many bytes.
+static void add_alone(struct frames *f, const char *name, float deg, uint32_t cube_n, size_t n)
+{
+    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
+    Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
+    Relight__Scene scene = RELIGHT__SCENE__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
+    char *material = malloc(n + 1);
+    memset(material, 'x', n);
+    material[n] = 0;
+    light.env = "constant";
+    light.rotate_deg = deg;
+    light.cube_n = cube_n;
+    scene.lights = lights;
+    scene.n_lights = 1;
+    scene.material = material;
+    me.name = (char *)name;
+    me.alone = true;
+    me.own = &scene;
+    m.subscription = 11;
+    m.me = &me;
+    frames_add(f, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
+    frames_send(f);
+    free(material);
+}
+
+// Who follows a person that looks around alone gets that person's own scene, a viewer's, too;
+// one that no room would keep, or that is too large, never comes.
+static void an_own_scene_is_seen(void **unused)
+{
+    begin(NULL);
+    struct frames *ann = frames_open(&d), *bob;
+    char room[33], secret[64];
+    uint64_t at;
+    Relight__Presence *p;
+    room_create(ann, "alone", room);
+    room_add_subscribe(ann, 10, room, 0, "Ann");
+    frames_send(ann);
+    assert_int_equal(invite(ann, room, RELIGHT__ROOM_ROLE__ROLE_VIEWER, 0, secret, &at), 0);
+    bob = frames_token(&d, secret, NULL);
+    room_add_subscribe(bob, 11, room, 0, "Bob");
+    frames_send(bob);
+    add_alone(bob, "Hand", 1, 16, 10);    // texels
+    add_alone(bob, "Hand", 2, 0, 17000);  // too large
+    add_alone(bob, "Hand", NAN, 0, 10);   // no number
+    add_alone(bob, "Hand", 42, 0, 12000); // as large as media of many objects are
+    Relight__Participant *who = next_hand(ann, 10, &p);
+    assert_true(who->alone);
+    assert_int_equal(who->role, RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    assert_float_equal(who->own->lights[0]->rotate_deg, 42, 0);
+    assert_int_equal(strlen(who->own->material), 12000);
+    relight__presence__free_unpacked(p, NULL);
+    Relight__RoomState *s = room_state(ann, room, NULL, NULL);
+    assert_int_equal(s->sequence, 2); // the invitation
+    free_state(s);
     frames_close(bob);
     frames_close(ann);
     end();
@@ -564,6 +626,7 @@ int main(void)
         cmocka_unit_test_teardown(survives_a_restart, teardown),
         cmocka_unit_test_teardown(people_see_each_other, teardown),
         cmocka_unit_test_teardown(a_hand_is_seen, teardown),
+        cmocka_unit_test_teardown(an_own_scene_is_seen, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
         cmocka_unit_test_teardown(members_and_scopes, teardown),
         cmocka_unit_test_teardown(guests, teardown),

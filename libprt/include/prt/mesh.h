@@ -196,6 +196,10 @@ float prt_mesh_tint(const struct prt_mesh *mesh, const float base[3]);
 /* Leaves the textures out: colours, maps and images; uv stay. The arrays are not freed. */
 void prt_mesh_drop_textures(struct prt_mesh *mesh);
 
+/* A hash of the mesh as it is: positions, normals, triangles, blocks, and its look where it has
+ * one. 0 stands for "not known" elsewhere. Thread-safe. */
+uint64_t prt_mesh_hash(const struct prt_mesh *mesh);
+
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
 /* The box's diagonal in the mesh's unit; no straight path through a translucent object is

@@ -148,7 +148,7 @@ struct prt_transport {
     struct prt_tensor tensor[PRT_MOST_TENSORS];
     const char *settings; /* JSON text: bake settings, provenance, versions, times */
     const char *errors;   /* JSON text: measured errors against the reference */
-    uint64_t mesh_hash;   /* of the mesh content (positions, triangles, blocks) */
+    uint64_t mesh_hash;   /* prt_mesh_hash() of the mesh that was baked; 0: not known */
 };
 enum prt_transport_kind {
     PRT_TRANSPORT_WAVELET = 0,

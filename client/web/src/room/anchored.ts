@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The pins and strokes of the room on the mesh that is shown.
-import { computed } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import type { Pin, Stroke, SurfacePoint } from "../gen/relight_pb";
 import type { Mesh } from "../scene/geometry";
 import { info, status, viewer } from "../ui/store";
@@ -31,6 +31,10 @@ function pinAnchor(mesh: Mesh | null, model: string, pin: Pin): Anchor | null {
   return { state: "same", distance: 0, position: [p.x, p.y, p.z], normal: [0, 0, 0] };
 }
 
+// The daemon may draw the model; pins and cursors need its surface all the same.
+effect(() => {
+  if (state.value && status.value.mode === "pictures") void viewer?.bringShape();
+});
 const shownMesh = computed(() => {
   void status.value; // the mesh comes with it
   return viewer?.shape ?? null;

@@ -4,6 +4,7 @@ import { create, type MessageInitShape } from "@bufbuild/protobuf";
 import {
   CameraSchema,
   LightSchema,
+  ObjectMaterialSchema,
   PictureSchema,
   ShadeSchema,
   Term as TermValue,
@@ -60,19 +61,28 @@ export function lightsOf(
   );
 }
 
-/** The parts of a room's scene that the page changes. */
+/** A scene of a room. What the page has no words for (an engine, images over the model's uv) stays
+ * as `base` has it. */
 export function sceneOf(
   state: SceneState,
   model: string,
   placed: Placed | null,
   lights: SceneInit["lights"],
   size: { width: number; height: number },
+  base?: Scene,
 ): SceneInit {
+  const materials = Object.entries(state.materials).map(([object, material]) =>
+    create(ObjectMaterialSchema, { object, material }),
+  );
   return {
     model,
     lights,
     material: state.material,
-    shade: create(ShadeSchema, { term: NUMBERS[state.term] }),
+    shade: {
+      ...(base?.shade ?? create(ShadeSchema)),
+      term: NUMBERS[state.term],
+      materials,
+    },
     camera: placed
       ? create(CameraSchema, {
           eye: vec(placed.eye),
@@ -159,6 +169,8 @@ export function withParts(
   if (parts.includes("shade")) {
     const number = scene.shade?.term ?? TermValue.TOTAL;
     out.term = TERMS.find((word) => NUMBERS[word] === number) ?? "total";
+    const own = scene.shade?.materials.map(({ object, material }) => [object, material]) ?? [];
+    out.materials = Object.fromEntries(own) as Record<string, string>;
   }
   const { picture } = scene;
   if (parts.includes("picture") && picture) {

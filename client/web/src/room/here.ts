@@ -35,6 +35,19 @@ export const myName = signal(localStorage.getItem(NAME_KEY) ?? "");
 export const mayReview = computed(
   () => role.value >= RoomRole.ROLE_REVIEWER && !state.value?.closed,
 );
+/** The one whose own scene this person sees: who is followed, or whom that one follows, looks around
+ * alone. */
+export const watched = computed(() => {
+  const passed = new Set([me.value]);
+  let one = people.value.get(follows.value);
+  while (one && !one.alone && one.follows && !passed.has(one.key)) {
+    passed.add(one.key);
+    one = people.value.get(one.follows);
+  }
+  return !alone.value && one?.alone && one.own && one.key !== me.value ? one : null;
+});
+/** Whether something else than the room's scene is shown. */
+export const apart = computed(() => alone.value || watched.value !== null);
 export const others = computed(() =>
   [...people.value.values()].filter((person) => person.key !== me.value),
 );

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
-// What others see of this person: a cursor on the surface, whom it follows, its camera, and the
-// parts of the scene that its hand moves now. The newest counts; nothing of it is stored.
-import { RoomPresenceRequestSchema } from "../gen/relight_pb";
+// What others see of this person: a cursor on the surface, whom it follows, its camera, the parts of
+// the scene that its hand moves now, and its own scene while it looks around alone. The newest
+// counts; nothing of it is stored.
+import { create, toBinary } from "@bufbuild/protobuf";
+import { RoomPresenceRequestSchema, SceneSchema } from "../gen/relight_pb";
 import { Type } from "../protocol/frame";
 import { client, scene, viewer } from "../ui/store";
 import type { PartName, SceneInit } from "./convert";
@@ -9,6 +11,7 @@ import { alone, colorOf, follows, leads, me, myName, seat, state } from "./here"
 import type { Point } from "./pick";
 
 const PAUSE_MS = 25; // between two messages
+const MOST_OWN = 12 << 10; // bytes of a scene of one's own: a participant has 16 KiB
 
 export interface Hand {
   scene: SceneInit;
@@ -16,6 +19,7 @@ export interface Hand {
 }
 let cursor: Point | null = null;
 let hand: Hand | null = null;
+let own: SceneInit | null = null;
 let sent = 0;
 let timer: ReturnType<typeof setTimeout> | undefined;
 
@@ -45,14 +49,25 @@ function send(): void {
       cursor: cursor ? { ...cursor, position: vec(cursor.position) } : undefined,
       hand: hand?.scene,
       handParts: hand?.parts ?? [],
+      own: alone.value && own ? own : undefined,
     },
   });
 }
 
+const fits = (scene: SceneInit) =>
+  toBinary(SceneSchema, create(SceneSchema, scene)).length <= MOST_OWN;
+
+interface News {
+  cursor?: Point | null;
+  hand?: Hand | null;
+  /** What this person sees alone; one that is too large is not told. */
+  own?: SceneInit | null;
+}
 /** Tells what changed, at once or with what changes within the next moment. */
-export function tell(what: { cursor?: Point | null; hand?: Hand | null } = {}): void {
+export function tell(what: News = {}): void {
   if (what.cursor !== undefined) cursor = what.cursor;
   if (what.hand !== undefined) hand = what.hand;
+  if (what.own !== undefined) own = what.own && fits(what.own) ? what.own : null;
   if (timer !== undefined) return;
   const wait = sent + PAUSE_MS - performance.now();
   if (wait <= 0) send();

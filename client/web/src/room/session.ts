@@ -121,7 +121,6 @@ function leaveSeat(): void {
   alone.value = false;
   leads.value = false;
   follows.value = 0n;
-  roomHistory.value = null;
 }
 
 function sit(): void {
@@ -160,10 +159,6 @@ function takeState(payload: Uint8Array): void {
   if (first) {
     beginReading(next.room);
     openLinked();
-    roomHistory.value = {
-      undo: () => step({ undo: {} }),
-      redo: () => step({ redo: {} }),
-    };
   }
   showRoom();
   tell();
@@ -180,6 +175,12 @@ function step(action: { undo: object } | { redo: object }): void {
   putDown(); // what the hand holds is the step to undo
   void act(action);
 }
+
+// Alone, undo and redo are this person's own.
+const steps = { undo: () => step({ undo: {} }), redo: () => step({ redo: {} }) };
+effect(() => {
+  roomHistory.value = state.value && !alone.value ? steps : null;
+});
 
 let fetching: ReturnType<typeof setTimeout> | undefined;
 /** Reads the state anew: what a pin, a decision or an undo changed. */
@@ -277,7 +278,7 @@ export function lookAlone(on: boolean): void {
   putDown();
   alone.value = on;
   if (!on) showParts(PARTS);
-  tell();
+  tell(on ? {} : { own: null });
 }
 export function follow(key: bigint): void {
   follows.value = follows.value === key ? 0n : key;

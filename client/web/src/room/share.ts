@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The page's scene and the room's follow each other. While a hand moves something the others see
 // it by presence; when it rests one edit keeps it.
-import { effect } from "@preact/signals";
-import { ErrorCode, type Participant, type Scene } from "../gen/relight_pb";
+import { effect, untracked } from "@preact/signals";
+import { Engine, ErrorCode, type Participant, type Scene, type Shade } from "../gen/relight_pb";
 import { RelightError } from "../protocol/errors";
 import { upload } from "../protocol/upload";
 import { change, client, fault, info, scene, status, viewer } from "../ui/store";
@@ -17,7 +17,7 @@ import {
   type SceneInit,
 } from "./convert";
 import { edit, scenePends, unsentChange } from "./edits";
-import { alone, conflict, follows, mayReview, me, state } from "./here";
+import { alone, apart, conflict, follows, mayReview, me, state, watched } from "./here";
 import { builtinFile } from "./hdr";
 import { handIsTold, tell } from "./presence";
 
@@ -67,9 +67,19 @@ export function sceneNow(): SceneInit {
   const isId = /^[0-9a-f]{32}$/.test(now.model);
   const model = isId ? now.model : (info.value?.model ?? state.value?.scene?.model ?? "");
   const placed = viewer?.framed ? viewer.placed(now) : null;
-  const out = sceneOf(now, model, placed, lights, PICTURE);
+  const out = sceneOf(now, model, placed, lights, PICTURE, state.value?.scene);
   if (!placed) out.camera = shared?.camera;
   return out;
+}
+
+/** What this person sees, for a pin: where the daemon draws a model without a bake, by the engine that
+ * draws it now. */
+export function sceneSeen(): SceneInit {
+  const now = sceneNow();
+  const { mode, engine } = status.value;
+  const drawn = Engine[engine.toUpperCase() as keyof typeof Engine] as Engine | undefined;
+  if (mode !== "pictures" || !drawn || now.shade?.engine) return now;
+  return { ...now, shade: { ...(now.shade as Shade), engine: drawn } };
 }
 
 /** Of a new room: lights of the page are uploaded first. */
@@ -83,8 +93,25 @@ export async function shownScene(): Promise<SceneInit> {
 
 // ---- out: by presence while the hand moves, as an edit when it rests
 
+let own: SceneInit | null = null; // as those who follow this person see it
+// While this person looks around alone its scene goes out by presence alone.
+function shareOwn(): void {
+  shared = null; // back to all, nothing of it is the room's
+  bringLights();
+  const now = sceneNow();
+  if (sameJson(now, own)) return;
+  own = now;
+  tell({ own });
+}
+
 function share(): void {
-  if (!state.value || alone.value || !mayReview.value || !shared) return;
+  if (!state.value) return;
+  if (alone.value) {
+    shareOwn();
+    return;
+  }
+  own = null;
+  if (apart.value || !mayReview.value || !shared) return;
   bringLights();
   const now = sceneNow();
   const before = shared;
@@ -113,7 +140,7 @@ export function putDown(): void {
   if (!held.size) return;
   const parts = [...held];
   held.clear();
-  if (state.value && !alone.value) sendParts(parts, sceneNow());
+  if (state.value && !apart.value) sendParts(parts, sceneNow());
 }
 
 /** Sends parts of the scene; a change that waits is replaced by the newer one. */
@@ -152,8 +179,9 @@ function sendParts(parts: readonly PartName[], next: SceneInit): void {
 
 // ---- in: what others do
 
-// The room's scene, with what others move now.
+// The room's scene with what others move now, or the own scene of the one who is followed.
 function roomScene(): Scene | null {
+  if (watched.value?.own) return watched.value.own;
   const now = state.value?.scene;
   if (!now || !hands.size) return now ?? null;
   const moved = [...hands].map(([part, hand]) => [part, hand.scene[part]]);
@@ -167,10 +195,11 @@ function showCamera(): void {
   const camera = roomScene()?.camera;
   cameraWaits = camera !== undefined && !frame;
   const orbit = frame && camera ? orbitOf(camera, frame) : null;
-  if (orbit && !follows.value) change({ orbit });
+  if (orbit && (!follows.value || watched.value)) change({ orbit });
 }
 
-/** Shows parts of the room's scene; not those that this person's hand holds. */
+/** Shows parts of the room's scene, or of the one that is watched; not those that this person's hand
+ * holds. */
 export function showParts(parts: readonly string[]): void {
   const next = roomScene();
   const free = parts.filter((part) => !held.has(part as PartName));
@@ -178,13 +207,28 @@ export function showParts(parts: readonly string[]): void {
   shared = null; // nothing is sent meanwhile
   change(withParts(scene.value, next, free, uploads));
   if (free.includes("camera")) showCamera();
-  shared = sceneNow();
+  shared = apart.value ? null : sceneNow();
 }
 
 /** Shows the room's state, unless what this person did is on its way. */
 export function showRoom(): void {
   if (!scenePends()) showParts(PARTS);
 }
+
+// From the room's scene to the own one of who is followed, along with it, and back.
+let watching: Scene | null = null;
+effect(() => {
+  const next = watched.value?.own ?? null;
+  const before = watching;
+  watching = next;
+  if (next === before) return;
+  const same = (part: PartName) => next && before && sameJson(next[part], before[part]);
+  untracked(() => {
+    if (next && shared && held.size) sendParts([...held], shared); // what the hand held is of the room
+    held.clear();
+    showParts(PARTS.filter((part) => !same(part)));
+  });
+});
 
 /** Somebody's hand takes parts of the scene, moves them, or puts them down. */
 export function takeHand(person: Participant): void {
@@ -232,7 +276,7 @@ export function forgetRoom(): void {
   putDown();
   held.clear();
   hands.clear();
-  shared = null;
+  shared = own = null;
   cameraWaits = false;
 }
 

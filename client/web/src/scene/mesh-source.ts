@@ -16,11 +16,15 @@ export interface MeshSource {
   images: Map<number, TextureImage>;
 }
 
-export async function fetchMesh(client: Client, model: string): Promise<MeshSource> {
+export async function fetchMesh(
+  client: Client,
+  model: string,
+  textures = true,
+): Promise<MeshSource> {
   const { message, payload } = await client.request(
     Type.Geometry,
     GeometryRequestSchema,
-    { model, ownUnits: true, textures: true },
+    { model, ownUnits: true, textures },
     GeometryAnswerSchema,
   );
   const mesh = meshOf(message, payload);

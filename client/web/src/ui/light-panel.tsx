@@ -3,6 +3,7 @@
 import { useEffect, useRef } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import { BUILTIN_LIGHTS } from "../scene/builtin-lights";
+import { roomId } from "../room/here";
 import { thumbnail } from "../scene/thumbnails";
 import { Icon, IconButton, Section, Slider } from "./controls";
 import {
@@ -42,9 +43,12 @@ export function environmentName(env: string): string {
   return known?.name.replace(/\.[a-z]+$/i, "") || `${env.slice(4, 10)}…`;
 }
 
+// A room has lights that its daemon has: the page's own are offered to those who may upload.
 function gallery(): string[] {
+  const shown = scene.value.lamps.map(({ env }) => env);
+  const own = BUILTIN_LIGHTS.map((light) => `page:${light.id}`);
   return [
-    ...BUILTIN_LIGHTS.map((light) => `page:${light.id}`),
+    ...own.filter((env) => !roomId.value || mayUpload.value || shown.includes(env)),
     "constant",
     ...environments.value.map((entry) => entry.env),
   ];
@@ -112,15 +116,17 @@ function Lamp({ index }: { index: number }) {
         onInput={(rotate) => setLamp(index, { rotate: rotate % 360 })}
         onDone={commit}
       />
-      <Slider
-        label="Height"
-        unit="°"
-        min={-90}
-        max={90}
-        value={lamp.tilt}
-        onInput={(tilt) => setLamp(index, { tilt: Math.round(tilt) })}
-        onDone={commit}
-      />
+      {!roomId.value && (
+        <Slider
+          label="Height"
+          unit="°"
+          min={-90}
+          max={90}
+          value={lamp.tilt}
+          onInput={(tilt) => setLamp(index, { tilt: Math.round(tilt) })}
+          onDone={commit}
+        />
+      )}
       <Slider
         label="Strength"
         unit="EV"

@@ -4,7 +4,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { signal, useSignal } from "@preact/signals";
-import type { SurfacePoint } from "../gen/relight_pb";
+import type { Participant, SurfacePoint } from "../gen/relight_pb";
 import type { Placed, Vec3 } from "../scene/camera";
 import { facesAway, type Anchor } from "../room/anchor";
 import { anchors, lines } from "../room/anchored";
@@ -34,7 +34,7 @@ function pointUnder(event: PointerEvent, box: DOMRect): Point | null {
 }
 
 const noSurface = () =>
-  fault(new Error("the daemon draws this model: pins and strokes go onto models with a bake"));
+  fault(new Error("the model's surface is not here yet: try again in a moment"));
 
 function place(event: PointerEvent, box: DOMRect): void {
   const point = pointUnder(event, box);
@@ -213,8 +213,13 @@ function Marks({ placed, size }: { placed: Placed; size: Size }): ComponentChild
   });
 }
 
+// The model that a person points at.
+const modelOf = (person: Participant) =>
+  (person.alone ? person.own : state.value?.scene)?.model ?? "";
+
 function Cursors({ placed, size }: { placed: Placed; size: Size }): ComponentChildren {
-  return others.value.map((person) => {
+  const here = others.value.filter((person) => modelOf(person) === info.value?.model);
+  return here.map((person) => {
     const position = positionOf(person.cursor);
     const at = position && project(placed, position, size.w, size.h);
     if (!at) return null;

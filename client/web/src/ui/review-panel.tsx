@@ -6,9 +6,9 @@ import { RoomRole, type Decision, type Note, type Pin, type Stroke } from "../ge
 import { anchors } from "../room/anchored";
 import { anchorText } from "../room/anchor";
 import { act, edit } from "../room/edits";
-import { alone, isNew, markRead, mayReview, role, state } from "../room/here";
+import { alone, isNew, markRead, mayReview, role, state, watched } from "../room/here";
 import { hashOf, pngOf } from "../room/pictures";
-import { PICTURE, putDown, sceneNow, showAlone } from "../room/share";
+import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
 import { Choice, Section } from "./controls";
@@ -235,7 +235,7 @@ function NewPin() {
     text.value = "";
     putDown();
     void act({
-      pin: { text: said, at: { ...at, position: { x, y, z } }, scene: sceneNow() },
+      pin: { text: said, at: { ...at, position: { x, y, z } }, scene: sceneSeen() },
     }).then((answer) => {
       if (answer) openPin.value = answer.sequence;
     });
@@ -328,6 +328,8 @@ function Decide() {
   };
   if (alone.value)
     return <p class="hint">You look around alone. Go back to all to decide about it.</p>;
+  if (watched.value)
+    return <p class="hint">You see another’s own scene. Stop following to decide.</p>;
   const word = about.value ? "Approve" : "Reject";
   return (
     <form class="decide" onSubmit={(event) => event.preventDefault()}>

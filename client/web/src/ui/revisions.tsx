@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { Revision } from "../gen/relight_pb";
 import { act } from "../room/edits";
-import { alone, mayReview, state } from "../room/here";
+import { apart, mayReview, state } from "../room/here";
 import type { Kept } from "../room/pictures";
 import { bringBack, putDown, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
@@ -45,7 +45,7 @@ function Row({ one, now }: { one: Revision; now: number }) {
             Compare
           </button>
         )}
-        {one.number !== now && mayReview.value && !alone.value && (
+        {one.number !== now && mayReview.value && !apart.value && (
           <button type="button" class="quiet" onClick={() => one.scene && bringBack(one.scene)}>
             Bring back
           </button>
@@ -80,7 +80,7 @@ export function Revisions() {
           All {list.length} revisions
         </button>
       )}
-      {mayReview.value && (
+      {mayReview.value && !apart.value && (
         <form
           class="decide"
           onSubmit={(event) => {

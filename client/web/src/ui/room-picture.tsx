@@ -9,7 +9,8 @@ import { project } from "../room/pick";
 import { placedOf } from "../room/convert";
 import { css } from "../room/here";
 import { MAP_MOST, heat } from "../scene/color-difference";
-import { fault } from "./store";
+import { explain } from "../protocol/errors";
+import { connection } from "./store";
 
 const keyOf = (what: Kept) =>
   `${String(what.pin ?? "")}/${String(what.decision ?? "")}/${String(what.revision ?? "")}`;
@@ -19,17 +20,39 @@ const SMALL: Size = { width: 480, height: 360 };
 const sequenceOf = (what: Kept) =>
   what.pin || what.decision || what.revision ? 0n : (state.value?.sequence ?? 0n);
 
+// A picture that cannot be drawn says why in its place: its model may have been deleted.
+function Undrawn({ why }: { why: string }) {
+  return (
+    <p class="warning" role="status">
+      This cannot be drawn: {why}
+    </p>
+  );
+}
+function reasonOf(error: unknown): string {
+  const { text, remedy } = explain(error);
+  return [text, remedy].filter(Boolean).join(". ");
+}
+// Pictures are asked for again when the connection is back.
+const isReady = () => connection.value.is === "ready";
+
 export function Picture(props: { what: Kept; alt: string; size?: Size }) {
   const address = useSignal("");
+  const why = useSignal("");
   const { what, size = SMALL } = props;
   useEffect(() => {
     let live = true;
-    address.value = "";
-    pictureOf(what, size).then((url) => {
-      if (live) address.value = url;
-    }, fault);
+    address.value = why.value = "";
+    pictureOf(what, size).then(
+      (url) => {
+        if (live) address.value = url;
+      },
+      (error: unknown) => {
+        if (live) why.value = reasonOf(error);
+      },
+    );
     return () => (live = false);
-  }, [keyOf(what), sequenceOf(what)]);
+  }, [keyOf(what), sequenceOf(what), isReady()]);
+  if (why.value) return <Undrawn why={why.value} />;
   return address.value ? (
     <img class="seen" src={address.value} alt={props.alt} />
   ) : (
@@ -69,10 +92,12 @@ export function DifferencePicture(props: { a: Kept; b: Kept; size?: Size }) {
   const { a, b, size = { width: 240, height: 180 } } = props;
   const canvas = useRef<HTMLCanvasElement>(null);
   const found = useSignal<Compared | null>(null);
+  const why = useSignal("");
   useEffect(() => {
     let live = true;
     found.value = null;
-    compared(a, b, size).then((result) => {
+    why.value = "";
+    const show = (result: Compared) => {
       const node = canvas.current;
       if (!live || !node) return;
       node.width = result.width;
@@ -81,9 +106,13 @@ export function DifferencePicture(props: { a: Kept; b: Kept; size?: Size }) {
         .getContext("2d")
         ?.putImageData(new ImageData(result.map, result.width, result.height), 0, 0);
       found.value = result;
-    }, fault);
+    };
+    compared(a, b, size).then(show, (error: unknown) => {
+      if (live) why.value = reasonOf(error);
+    });
     return () => (live = false);
-  }, [keyOf(a), keyOf(b), sequenceOf(a), sequenceOf(b)]);
+  }, [keyOf(a), keyOf(b), sequenceOf(a), sequenceOf(b), isReady()]);
+  if (why.value) return <Undrawn why={why.value} />;
   const numbers = found.value;
   const ramp = [0, 0.2, 0.4, 0.6, 0.8, 1].map((x) => `rgb(${heat(x).join(" ")})`).join(", ");
   return (

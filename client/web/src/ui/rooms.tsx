@@ -22,6 +22,7 @@ import {
   state,
   unread,
   waiting,
+  watched,
 } from "../room/here";
 import { createRoom, enter, follow, lead, leave, listRooms, lookAlone } from "../room/session";
 import { Icon, IconButton } from "./controls";
@@ -152,10 +153,11 @@ function Person({ person }: { person: Participant }) {
 
 function Following() {
   const led = people.value.get(follows.value);
+  const seen = watched.value;
   if (!led) return null;
   return (
     <small role="status">
-      The camera is {nameOf(led)}’s.{" "}
+      {seen ? `You see what ${nameOf(seen)} sees alone.` : `The camera is ${nameOf(led)}’s.`}{" "}
       <button type="button" class="quiet" onClick={() => follow(led.key)}>
         Stop following
       </button>

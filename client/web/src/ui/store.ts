@@ -19,6 +19,7 @@ import { Client, type ConnectionState } from "../protocol/client";
 import { explain, type Notice } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { upload } from "../protocol/upload";
+import { roomId } from "../room/here";
 import { clampOrbit, START, type Orbit } from "../scene/camera";
 import { NO_STATUS, type Status, type Viewer } from "../scene/viewer";
 import { mediaObjects, parseMedium } from "../state/material";
@@ -187,13 +188,14 @@ export function setLamp(index: number, part: Partial<LampState>): void {
   });
 }
 const turned = (deg: number) => ((deg % 360) + 360) % 360;
-/** Turns all lamps, as a hand on the stage does. */
+/** Turns all lamps, as a hand on the stage does. Lights of a room are turned, but not raised. */
 export function turnLight(rotate: number, tilt: number): void {
+  const raised = roomId.value ? 0 : tilt;
   change({
     lamps: scene.value.lamps.map((lamp) => ({
       ...lamp,
       rotate: turned(lamp.rotate + rotate),
-      tilt: Math.min(90, Math.max(-90, lamp.tilt + tilt)),
+      tilt: Math.min(90, Math.max(-90, lamp.tilt + raised)),
     })),
   });
 }

@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: MIT
+// What a room shows of each person's own: someone who looks around alone is followed there; media by
+// object and pins on a model without a bake are the room's. For page.mjs.
+import { spawnSync } from "node:child_process";
+import { copyFileSync } from "node:fs";
+import { join } from "node:path";
+import assert from "node:assert/strict";
+
+const named = (name) => ({
+  viewport: { width: 1100, height: 700 },
+  init: `localStorage.setItem("relight-name", ${JSON.stringify(name)});`,
+});
+const stateOf = (page) =>
+  page.evaluate(() => JSON.parse(JSON.stringify(globalThis.relightViewer.state)));
+
+/** tools: as roomScenarios of rooms.mjs; bin and folder of page.mjs. */
+export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE }) {
+  const enter = async (url, name) => {
+    const page = await open("about:blank", named(name));
+    await page.addInitScript(named(name).init);
+    await page.goto(url);
+    return page;
+  };
+  const begin = async (home, words, title, drawn = "mesh") => {
+    const page = await enter(`${home}/#${words}`, "Ann");
+    await mode(page, drawn);
+    await page.getByRole("button", { name: /^Rooms/ }).click();
+    await page.getByLabel("A new room about this picture").fill(title);
+    await page.getByRole("button", { name: "Create the room" }).click();
+    await page.locator(".room-bar").waitFor(PATIENCE);
+    return page;
+  };
+  const join_ = async (page, name) => {
+    const other = await enter(page.url().replace(/#.*/, ""), name);
+    await other.locator(".room-bar").waitFor(PATIENCE);
+    await mode(other, "mesh");
+    return other;
+  };
+  const idOf = (page) => /room=([0-9a-f]{32})/.exec(page.url())[1];
+  const relight = (...words) => {
+    const done = spawnSync(join(bin, "relight"), [
+      "-s",
+      `unix:${join(folder, "socket")}`,
+      ...words,
+    ]);
+    assert.equal(done.status, 0, String(done.stderr));
+    return String(done.stdout);
+  };
+  const shown = (room) => JSON.parse(relight("room", "show", room, "--json"));
+  const rests = (page) =>
+    page.waitForFunction(() => globalThis.relightRoom.rests(), null, PATIENCE);
+  const until = (page, test, argument) => page.waitForFunction(test, argument, PATIENCE);
+  const turned = (deg) => Math.abs(globalThis.relightViewer.state.lamps[0].rotate - deg) < 1e-3;
+  const pin = async (page, text, at) => {
+    await page.locator(".stage").focus();
+    await page.keyboard.press("p");
+    await page.mouse.click(...at);
+    await page.getByLabel("What is wrong here").fill(text);
+    await page.getByRole("button", { name: "Place the pin" }).click();
+    await page.locator(".pin-row", { hasText: text }).waitFor(PATIENCE);
+  };
+
+  return {
+    async "who looks around alone is followed there"(home) {
+      const ann = await begin(home, "model=marble.prt&light=constant@20,0", "Alone");
+      const bob = await join_(ann, "Bob Stone");
+      await rests(ann);
+      await ann.getByTitle(/^Bob Stone, /).waitFor(PATIENCE);
+      await bob.locator(".stage").focus();
+      await bob.keyboard.press("a");
+      await ann.getByTitle(/Bob Stone, .*looks around alone/).waitFor(PATIENCE);
+      await bob.evaluate(() => {
+        location.hash = "model=open.prt&material=skin1&light=constant@77,0&exposure=1";
+      });
+      await until(bob, () => globalThis.relightViewer.info?.name === "open.prt");
+      const before = roomLog(idOf(ann)).length;
+      await ann.getByTitle(/^Bob Stone, /).click();
+      await ann.getByText("You see what Bob Stone sees alone.").waitFor(PATIENCE);
+      await until(
+        ann,
+        () =>
+          globalThis.relightViewer.info?.name === "open.prt" &&
+          globalThis.relightViewer.state.material === "skin1",
+      );
+      await until(ann, turned, 77);
+      assert.equal((await stateOf(ann)).exposure, (await stateOf(bob)).exposure);
+      await ann.getByText("Stop following to decide").waitFor(PATIENCE);
+      await shot(ann, "room-own");
+      // It follows Bob's hand and camera; Ann's own hand changes nothing of the room.
+      await bob.locator(".stage").focus();
+      await bob.keyboard.press("Shift+ArrowRight");
+      await bob.keyboard.press("ArrowUp");
+      const there = await stateOf(bob);
+      await until(ann, turned, there.lamps[0].rotate);
+      await until(
+        ann,
+        (deg) => Math.abs(globalThis.relightViewer.state.orbit.elevation - deg) < 0.1,
+        there.orbit.elevation,
+      );
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("Shift+ArrowLeft");
+      await rests(ann);
+      // A pin is of what its author sees.
+      await mode(ann, "mesh");
+      await pin(ann, "in skin", [330, 360]);
+      const log = roomLog(idOf(ann)).slice(before);
+      assert.deepEqual(
+        log.map(({ action }) => Object.keys(action)[0]),
+        ["pin"],
+      );
+      assert.equal(log[0].action.pin.scene.material, "skin1");
+      // Back to all: Ann goes along, and keeps following the camera.
+      await bob.locator(".stage").focus();
+      await bob.keyboard.press("a");
+      await until(ann, () => globalThis.relightViewer.info?.name === "marble.prt");
+      await until(ann, turned, 20);
+      await ann.getByText("The camera is Bob Stone’s.").waitFor(PATIENCE);
+      // Alone again and gone: what is left is the room.
+      await bob.keyboard.press("a");
+      await bob.keyboard.press("Shift+ArrowRight");
+      await until(
+        ann,
+        () => Math.abs(globalThis.relightViewer.state.lamps[0].rotate - 20) > 1e-3,
+      );
+      await bob.context().close();
+      await until(ann, turned, 20);
+      assert.equal(await ann.getByText("Stop following").count(), 0);
+      // Lights of a room are turned, not raised: others could not see it.
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("Shift+ArrowUp");
+      assert.equal((await stateOf(ann)).lamps[0].tilt, 0);
+      await ann.getByRole("tab", { name: "Light" }).click();
+      assert.equal(await ann.getByLabel("Height").count(), 0);
+      await shot(ann, "room-light");
+      await ann.context().close();
+    },
+
+    async "media by object and an engine are the room's"(home) {
+      const ann = await begin(
+        home,
+        "model=toy.prt&light=constant@0,0&material.Left=ketchup",
+        "Media",
+      );
+      const room = idOf(ann);
+      const bob = await join_(ann, "Bob");
+      await until(bob, () => globalThis.relightViewer.state.materials.Left === "ketchup");
+      relight("room", "scene", room, "--engine", "texture");
+      const events = roomLog(room).length;
+      await bob.evaluate(() => (globalThis.before = globalThis.relightViewer.state));
+      await ann.evaluate(() => {
+        location.hash = `${location.hash.replace("ketchup", "cream")}`;
+      });
+      await until(bob, () => globalThis.relightViewer.state.materials.Left === "cream");
+      await rests(ann);
+      assert.ok(roomLog(room).length > events);
+      const { shade } = shown(room).scene;
+      assert.deepEqual(shade.materials, [{ object: "Left", material: "cream" }]);
+      assert.equal(shade.engine, "texture", "the page leaves what it does not show");
+      await bob.context().close();
+      await ann.context().close();
+    },
+
+    async "a pin goes onto a model without a bake"(home) {
+      copyFileSync(join(folder, "bumps.obj"), join(folder, "models", "early.obj"));
+      relight(
+        ...["load", "early.obj", "--remote", "--name", "early", "--size-mm", "20"],
+        ...["--material", "skin1", "--preview"],
+      );
+      const ann = await begin(
+        home,
+        "model=early&light=constant@0,0",
+        "Before the bake",
+        "pictures",
+      );
+      await until(ann, () => globalThis.relightViewer.shape !== null);
+      await pin(ann, "before the bake", [330, 360]);
+      await ann.locator(".pin-mark").waitFor(PATIENCE);
+      await shot(ann, "room-preview");
+      const [{ seen, at }] = shown(idOf(ann)).pins;
+      assert.match(seen.mesh_hash, /^[0-9a-f]{16}$/);
+      assert.ok(!seen.bake_hash);
+      assert.equal(
+        seen.engine,
+        await ann.evaluate(() => globalThis.relightViewer.status.engine),
+      );
+      // On a bake of the same shape it has its triangle.
+      await ann.evaluate(() => (location.hash = "model=marble.prt&light=constant@0,0"));
+      await mode(ann, "mesh");
+      await until(ann, () => globalThis.relightViewer.info?.name === "marble.prt");
+      await ann.locator(".pin-mark").waitFor(PATIENCE);
+      await ann.locator(".thread").waitFor(PATIENCE);
+      assert.equal(await ann.getByText(/Placed on another model|cannot be placed/).count(), 0);
+      await rests(ann);
+      const anchor = JSON.parse(relight("room", "anchors", idOf(ann), "--json"));
+      assert.equal(anchor.state, "same");
+      assert.equal(anchor.at.triangle, at.triangle ?? 0);
+      // Its picture needs the model: where that is gone the thread says so, and so does the print.
+      relight("unload", "early", "--forget");
+      const bob = await enter(ann.url().replace(/#.*/, ""), "Bob");
+      await bob.locator(".room-bar").waitFor(PATIENCE);
+      await mode(bob, "mesh");
+      await bob.locator(".pin-title").click();
+      await bob
+        .locator(".thread")
+        .getByText(/This cannot be drawn: .*no such model/)
+        .waitFor(PATIENCE);
+      await shot(bob, "room-undrawn");
+      await bob.evaluate(() => {
+        globalThis.print = () => (globalThis.printed = true);
+      });
+      await bob.getByRole("button", { name: "Print" }).click();
+      await until(bob, () => globalThis.printed);
+      await bob.context().close();
+      await ann.context().close();
+    },
+  };
+}
