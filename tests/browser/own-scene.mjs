@@ -145,6 +145,10 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       const bob = await join_(ann, "Bob");
       await until(bob, () => globalThis.relightViewer.state.materials.Left === "ketchup");
       relight("room", "scene", room, "--engine", "texture");
+      // Events come in their order: with the name both have the engine, too.
+      relight("room", "rename", room, "Media and engine");
+      for (const page of [ann, bob])
+        await page.locator(".room-name", { hasText: "Media and engine" }).waitFor(PATIENCE);
       const events = roomLog(room).length;
       await bob.evaluate(() => (globalThis.before = globalThis.relightViewer.state));
       await ann.evaluate(() => {
