@@ -54,8 +54,19 @@ bool whole_word(const char *word, uint64_t *out);
 /* room_material.c: the approved material for other programs, into the folder of -o. */
 int export_material(struct room_call *c, const cJSON *state);
 
-/* room_show.c: number of the revision that the scene is now; 0: it was not saved. */
-unsigned room_revision_now(const cJSON *state);
+/* room_verdict.c: what the room shows now, as far as a decision about it is concerned. */
+struct room_now {
+    unsigned revision; /* number of the revision that the scene is; 0: it was not saved */
+    char model[40], mesh_hash[20], bake_hash[20]; /* of the scene's model; "": not known */
+};
+/* Asks the daemon about the model. */
+void room_now(struct room_call *c, const cJSON *state, struct room_now *out);
+/* Of a newer state: the revision alone. */
+void room_now_scene(const cJSON *state, struct room_now *out);
+/* What happened to the model since the decision, in words; "": nothing, or it is not known. */
+const char *room_model_change(const cJSON *decision, const struct room_now *now);
+/* Whether the room shows what the decision was about. */
+bool room_stands(const cJSON *decision, const struct room_now *now);
 
 /* room_compare.c: a decision's picture against the scene now, as a sheet in a PNG file; prints
  * the numbers. */

@@ -56,13 +56,13 @@ static int write_picture(struct room_call *c, const char *name,
     return status;
 }
 
-// Of a decision about another revision than the scene is now: both, and where they differ.
-static int write_change(struct room_call *c, const cJSON *state, const cJSON *decision)
+// Of a decision about another scene or bake than the room shows now: both, and where they
+// differ.
+static int write_change(struct room_call *c, const struct room_now *now, const cJSON *decision)
 {
     char name[80], path[4096];
     double sequence = number_of(list_of(decision, "stamp"), "sequence");
-    if (number_of(list_of(decision, "seen"), "revision") == room_revision_now(state))
-        return EXIT_DONE;
+    if (room_stands(decision, now)) return EXIT_DONE;
     snprintf(name, sizeof name, "pictures/decision-%.0f-now.png", sequence);
     path_in(c, path, name);
     return room_write_change(c, (uint64_t)sequence, path);
@@ -81,6 +81,8 @@ static int write_pictures(struct room_call *c, const cJSON *state)
     const cJSON *item;
     char name[80];
     int status = EXIT_DONE;
+    struct room_now now;
+    room_now(c, state, &now);
     for (int kind = 0; kind < 2; kind++)
         cJSON_ArrayForEach(item, list_of(state, kind ? "decisions" : "pins"))
         {
@@ -92,7 +94,7 @@ static int write_pictures(struct room_call *c, const cJSON *state)
                      (unsigned long long)sequence);
             if (!status) status = write_picture(c, name, &view);
             if (!status && !kind) status = write_strokes(c, state, (double)sequence);
-            if (!status && kind) status = write_change(c, state, item);
+            if (!status && kind) status = write_change(c, &now, item);
         }
     return status;
 }

@@ -116,6 +116,44 @@ grep -q '"mesh_hash":"[0-9a-f]\{16\}"' out && ! grep -q bake_hash out || fail "t
 expect 0 room scene early --model twin
 expect 0 room anchors early
 says 'pin 2  on its triangle, as it was'
+# A decision is about the bake that was seen: a bake that replaces its preview is told, and one
+# that replaces a bake.
+expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --preview
+expect 0 room create later --model later --env constant --size 96x64
+expect 0 room approve later 'of the preview'
+expect 0 room show later
+says 'approved at revision 1: of the preview'
+expect 0 room export later -o later
+[ ! -e later/pictures/decision-2-now.png ] || fail "a picture of a change that is none"
+expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --wait
+expect 0 room show later
+says 'approved at revision 1; the model was baked since: of the preview'
+expect 0 room compare later
+says 'approved by ann at revision 1, now at 1; the model was baked since: dE2000 mean'
+expect 0 room export later -o later
+[ -s later/pictures/decision-2-now.png ] || fail "no picture of what the bake changed"
+expect 0 room reject later 'of the bake'
+expect 0 room show later
+says 'rejected at revision 1: of the bake'
+expect 0 info later --json
+grep -q '"mesh_hash":"[0-9a-f]\{16\}","bake_hash":"[0-9a-f]\{16\}"' out || fail "the model's hashes: $(cat out)"
+expect 0 unload later --forget
+expect 0 room show later
+says 'rejected at revision 1: of the bake'
+# The same bake again has the same bytes. A file with another bake of the shape takes its place.
+expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --wait
+expect 0 room show later
+says 'rejected at revision 1: of the bake'
+file_of() { "$bin/relight" -s "unix:$dir/s" info "$1" --json | sed 's/.*"model":"\([0-9a-f]*\)".*/data\/bakes\/\1.prt/'; }
+of_small=$(file_of small) of_later=$(file_of later)
+kill $daemon && wait $daemon || fail "the daemon's end"
+cp "$of_small" "$of_later" || fail "no bake of the models"
+start
+expect 0 room show later
+says 'rejected at revision 1; the model was baked anew since: of the bake'
+expect 0 room scene later --exposure 2
+expect 0 room show later
+says 'rejected at revision 1, changed since; the model was baked anew since: of the bake'
 expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model fine
 expect 0 room anchors "$room"
