@@ -2,10 +2,10 @@
 // Pins as a BCF 2.1 file: a topic a pin, with its notes, camera and picture. BCF has metres
 // with +z up and names neither triangle nor light, so each topic's folder also holds the pin as
 // JSON.
+#include "bcf_xml.h"
 #include "room.h"
 #include "zip.h"
 
-#include <expat.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -250,24 +250,21 @@ int bcf_write(struct room_call *c, const cJSON *state, const char *path)
 // ---- reading
 
 struct markup {
-    XML_Parser parser;
-    cJSON *topic;   // the topic that the file is read into
-    cJSON *comment; // the one that is open
-    char text[8193];
-    size_t n;
-    unsigned depth;
+    struct bcf_xml xml; // first
+    cJSON *topic;       // the topic that the file is read into
+    cJSON *comment;     // the one that is open
 };
 
 static void element_begins(void *user, const XML_Char *name, const XML_Char **attributes)
 {
     struct markup *m = user;
-    m->depth++;
-    m->n = 0;
-    if (m->depth == 2 && !strcmp(name, "Comment")) {
+    m->xml.depth++;
+    m->xml.n = 0;
+    if (m->xml.depth == 2 && !strcmp(name, "Comment")) {
         m->comment = cJSON_CreateObject();
         cJSON_AddItemToArray(cJSON_GetObjectItem(m->topic, "comments"), m->comment);
     }
-    if (m->depth == 2 && !strcmp(name, "Topic"))
+    if (m->xml.depth == 2 && !strcmp(name, "Topic"))
         for (int i = 0; attributes[i]; i += 2)
             if (!strcmp(attributes[i], "TopicStatus"))
                 cJSON_AddStringToObject(m->topic, "status", attributes[i + 1]);
@@ -279,49 +276,32 @@ static void element_ends(void *user, const XML_Char *name)
     static const char *const of_topic[] = {"Title", "Description", "CreationAuthor",
                                            "CreationDate"};
     static const char *const of_comment[] = {"Comment", "Author", "Date"};
-    m->text[m->n] = 0;
-    m->depth--;
-    if (m->depth == 1) m->comment = NULL;
-    if (m->depth != 2) return;
+    m->xml.text[m->xml.n] = 0;
+    m->xml.depth--;
+    if (m->xml.depth == 1) m->comment = NULL;
+    if (m->xml.depth != 2) return;
     for (int i = 0; i < 4 && !m->comment; i++)
-        if (!strcmp(name, of_topic[i])) cJSON_AddStringToObject(m->topic, name, m->text);
+        if (!strcmp(name, of_topic[i])) cJSON_AddStringToObject(m->topic, name, m->xml.text);
+    // Of several viewpoints the first.
+    if (!m->comment && !strcmp(name, "Viewpoint") && m->xml.n &&
+        !cJSON_GetObjectItem(m->topic, "viewpoint"))
+        cJSON_AddStringToObject(m->topic, "viewpoint", m->xml.text);
     for (int i = 0; i < 3 && m->comment; i++)
-        if (!strcmp(name, of_comment[i])) cJSON_AddStringToObject(m->comment, name, m->text);
-    m->n = 0;
-}
-
-static void characters(void *user, const XML_Char *text, int n)
-{
-    struct markup *m = user;
-    for (int i = 0; i < n && m->n + 1 < sizeof m->text; i++) m->text[m->n++] = text[i];
-}
-
-// A document type could define entities without end: BCF has none.
-static void no_doctype(void *user, const XML_Char *name, const XML_Char *system,
-                       const XML_Char *public_id, int internal)
-{
-    XML_StopParser(((struct markup *)user)->parser, XML_FALSE);
+        if (!strcmp(name, of_comment[i]))
+            cJSON_AddStringToObject(m->comment, name, m->xml.text);
+    m->xml.n = 0;
 }
 
 static cJSON *parse_markup(const struct zip_file *file)
 {
     struct markup *m = calloc(1, sizeof *m);
-    XML_Parser parser = XML_ParserCreate(NULL);
-    cJSON *topic = NULL;
-    if (m && parser) {
-        m->topic = topic = cJSON_CreateObject();
-        cJSON_AddArrayToObject(topic, "comments");
-        m->parser = parser;
-        XML_SetUserData(parser, m);
-        XML_SetElementHandler(parser, element_begins, element_ends);
-        XML_SetCharacterDataHandler(parser, characters);
-        XML_SetStartDoctypeDeclHandler(parser, no_doctype);
-        if (XML_Parse(parser, (const char *)file->bytes, (int)file->n, 1) != XML_STATUS_OK) {
-            cJSON_Delete(topic);
-            topic = NULL;
-        }
+    cJSON *topic = cJSON_CreateObject();
+    cJSON_AddArrayToObject(topic, "comments");
+    if (m) m->topic = topic;
+    if (!m || !bcf_parse(&m->xml, file->bytes, file->n, element_begins, element_ends)) {
+        cJSON_Delete(topic);
+        topic = NULL;
     }
-    if (parser) XML_ParserFree(parser);
     free(m);
     return topic;
 }
@@ -370,9 +350,14 @@ int bcf_read(struct room_call *c, const char *path, cJSON **topics)
         const char *end = strrchr(files[i].name, '/');
         if (!end || strcmp(end, "/markup.bcf")) continue;
         cJSON *topic = parse_markup(&files[i]);
+        const char *name = topic ? text_of(topic, "viewpoint") : "";
+        const struct zip_file *view =
+            beside(files, n_file, files[i].name, *name ? name : "viewpoint.bcfv");
         const struct zip_file *own = beside(files, n_file, files[i].name, "pin.json");
         cJSON *pin = own ? cJSON_ParseWithLength((const char *)own->bytes, own->n) : NULL;
         if (topic && pin) cJSON_AddItemToObject(topic, "relight", pin);
+        if (topic && view && !pin)
+            cJSON_AddItemToObject(topic, "view", bcf_view_read(view->bytes, view->n));
         if (topic) cJSON_AddItemToArray(*topics, topic);
         else failed = 1;
         if (!topic) cJSON_Delete(pin);

@@ -181,6 +181,8 @@ int run_info(struct relight_client *client, struct options *options)
             cJSON *medium = cJSON_Parse(m.medium[i]);
             cJSON_AddItemToArray(media, medium ? medium : cJSON_CreateNull());
         }
+        cJSON_AddStringToObject(json, "mesh_hash", m.mesh_hash);
+        cJSON_AddStringToObject(json, "bake_hash", m.bake_hash);
         add_text(json, "settings", m.settings);
         add_text(json, "errors", m.errors);
         cJSON *warnings = cJSON_AddArrayToObject(json, "warnings");

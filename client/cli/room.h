@@ -37,6 +37,43 @@ cJSON *room_action(const char *field, cJSON *value);
  * it is deleted by the caller. */
 int room_scene(struct room_call *c, cJSON **scene, cJSON **parts);
 
+/* The camera as a field of a scene. */
+void room_add_camera(cJSON *scene, const struct relight_camera *camera);
+
+/* room_anchor.c: points of the surface of GEOMETRY. */
+struct room_point {
+    uint32_t object, triangle;
+    double weight[2]; /* of the second and the third corner */
+    double position[3];
+    double distance; /* from what was asked */
+};
+/* Fills all but the distance from triangle and weights. */
+void room_point_fill(const struct relight_geometry *geometry, struct room_point *point);
+/* The nearest one to p; the geometry has a triangle. */
+void room_nearest(const struct relight_geometry *geometry, const double p[3],
+                  struct room_point *out);
+/* Returns the diagonal. */
+double room_bounds(const struct relight_geometry *geometry, double low[3], double high[3]);
+/* SurfacePoint. */
+cJSON *room_point_json(const struct room_point *point);
+
+/* bcf_view.c: the camera of a BCF viewpoint. */
+struct bcf_view {
+    double eye[3], direction[3], up[3]; /* metres, +y up; direction of unit length */
+    double fovy_deg;                    /* 0: not known */
+    double height;                      /* of an orthogonal view, in metres; 0: perspective */
+};
+/* The JSON of a .bcfv file; NULL: it has no camera. */
+cJSON *bcf_view_read(const void *bytes, size_t n);
+/* False: json is none. */
+bool bcf_view_of(const cJSON *json, struct bcf_view *out);
+
+/* room_view.c: the point of the model that the middle of the view shows, or the nearest one to
+ * it, and the camera; both in the model's own units. False: floats cannot tell the view's eye
+ * from what it sees. */
+bool room_look(const struct relight_geometry *geometry, const struct bcf_view *view,
+               struct room_point *at, struct relight_camera *camera);
+
 /* Fields of JSON that the daemon sent; 0, "" or NULL where they are missing. */
 const char *text_of(const cJSON *json, const char *field);
 double number_of(const cJSON *json, const char *field);
@@ -54,8 +91,19 @@ bool whole_word(const char *word, uint64_t *out);
 /* room_material.c: the approved material for other programs, into the folder of -o. */
 int export_material(struct room_call *c, const cJSON *state);
 
-/* room_show.c: number of the revision that the scene is now; 0: it was not saved. */
-unsigned room_revision_now(const cJSON *state);
+/* room_verdict.c: what the room shows now, as far as a decision about it is concerned. */
+struct room_now {
+    unsigned revision; /* number of the revision that the scene is; 0: it was not saved */
+    char model[40], mesh_hash[20], bake_hash[20]; /* of the scene's model; "": not known */
+};
+/* Asks the daemon about the model. */
+void room_now(struct room_call *c, const cJSON *state, struct room_now *out);
+/* Of a newer state: the revision alone. */
+void room_now_scene(const cJSON *state, struct room_now *out);
+/* What happened to the model since the decision, in words; "": nothing, or it is not known. */
+const char *room_model_change(const cJSON *decision, const struct room_now *now);
+/* Whether the room shows what the decision was about. */
+bool room_stands(const cJSON *decision, const struct room_now *now);
 
 /* room_compare.c: a decision's picture against the scene now, as a sheet in a PNG file; prints
  * the numbers. */
@@ -64,7 +112,8 @@ int room_write_change(struct room_call *c, uint64_t decision, const char *path);
 /* room_strokes.c: a pin's picture with its strokes, in a PNG file; without strokes nothing. */
 int room_write_strokes(struct room_call *c, const cJSON *state, double pin, const char *path);
 
-/* bcf.c: pins as a BCF 2.1 file, and back. */
+/* bcf.c: pins as a BCF 2.1 file, and back. A topic of another program has `view` if it has a
+ * viewpoint: the fields of struct bcf_view. */
 int bcf_write(struct room_call *c, const cJSON *state, const char *path);
 int bcf_read(struct room_call *c, const char *path, cJSON **topics);
 

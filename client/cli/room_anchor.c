@@ -13,9 +13,7 @@ static const double most_distance = .01;
 
 struct anchor {
     bool placed, same_mesh;
-    uint32_t object, triangle;
-    double weight[2], position[3];
-    double distance; // from where the pin was, in diagonals
+    struct room_point point; // its distance: from where the pin was, in diagonals
 };
 
 static double dot(const double a[3], const double b[3])
@@ -23,9 +21,12 @@ static double dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-static double diagonal(const struct relight_geometry *g)
+double room_bounds(const struct relight_geometry *g, double low[3], double high[3])
 {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (int k = 0; k < 3; k++) {
+        low[k] = INFINITY;
+        high[k] = -INFINITY;
+    }
     for (uint32_t i = 0; i < g->n_vertex; i++)
         for (int k = 0; k < 3; k++) {
             low[k] = fmin(low[k], g->position[i][k]);
@@ -87,8 +88,23 @@ static double distance(const double a[3], const double b[3])
     return sqrt(dot(d, d));
 }
 
-static void find_nearest(const struct relight_geometry *g, const double p[3],
-                         struct anchor *out)
+static uint32_t object_of(const struct relight_geometry *g, uint32_t triangle)
+{
+    for (size_t i = 0; i < g->n_block; i++) {
+        const struct relight_block *b = &g->block[i];
+        if (triangle >= b->triangle_begin && triangle - b->triangle_begin < b->n_triangle)
+            return b->object;
+    }
+    return 0;
+}
+
+void room_point_fill(const struct relight_geometry *g, struct room_point *point)
+{
+    point_of(g, point->triangle, point->weight, point->position);
+    point->object = object_of(g, point->triangle);
+}
+
+void room_nearest(const struct relight_geometry *g, const double p[3], struct room_point *out)
 {
     double best = INFINITY;
     for (uint32_t t = 0; t < g->n_triangle; t++) {
@@ -105,16 +121,7 @@ static void find_nearest(const struct relight_geometry *g, const double p[3],
         memcpy(out->position, at, sizeof at);
     }
     out->distance = best;
-}
-
-static uint32_t object_of(const struct relight_geometry *g, uint32_t triangle)
-{
-    for (size_t i = 0; i < g->n_block; i++) {
-        const struct relight_block *b = &g->block[i];
-        if (triangle >= b->triangle_begin && triangle - b->triangle_begin < b->n_triangle)
-            return b->object;
-    }
-    return 0;
+    out->object = object_of(g, out->triangle);
 }
 
 static void read_position(const cJSON *at, double out[3])
@@ -138,24 +145,23 @@ static struct anchor find_anchor(const struct relight_geometry *g, const char *m
 {
     const cJSON *at = list_of(pin, "at");
     struct anchor a = {.same_mesh = same_mesh(g, model, list_of(pin, "seen")),
-                       .triangle = (uint32_t)number_of(at, "triangle")};
+                       .point.triangle = (uint32_t)number_of(at, "triangle")};
     double was[3];
     bool known = list_of(at, "position") != NULL;
     read_position(at, was);
-    if (a.same_mesh && a.triangle < g->n_triangle) {
-        a.weight[0] = number_of(at, "b1");
-        a.weight[1] = number_of(at, "b2");
-        point_of(g, a.triangle, a.weight, a.position);
-        a.distance = known ? distance(was, a.position) / size : 0;
+    if (a.same_mesh && a.point.triangle < g->n_triangle) {
+        a.point.weight[0] = number_of(at, "b1");
+        a.point.weight[1] = number_of(at, "b2");
+        room_point_fill(g, &a.point);
+        a.point.distance = known ? distance(was, a.point.position) / size : 0;
         a.placed = true;
     } else if (known && g->n_triangle) {
-        find_nearest(g, was, &a);
-        a.distance /= size;
-        a.placed = a.distance <= most_distance;
+        room_nearest(g, was, &a.point);
+        a.point.distance /= size;
+        a.placed = a.point.distance <= most_distance;
     } else {
-        a.distance = INFINITY;
+        a.point.distance = INFINITY;
     }
-    if (a.placed) a.object = object_of(g, a.triangle);
     return a;
 }
 
@@ -164,40 +170,47 @@ static struct anchor find_anchor(const struct relight_geometry *g, const char *m
 static void print_anchor(double pin, const struct anchor *a)
 {
     printf("pin %.0f  ", pin);
-    if (!a->placed && isfinite(a->distance))
+    if (!a->placed && isfinite(a->point.distance))
         printf(
             "cannot be placed: the nearest surface is %.2f %% of the model's size away, more "
             "than %g %%\n",
-            100 * a->distance, 100 * most_distance);
+            100 * a->point.distance, 100 * most_distance);
     else if (!a->placed) printf("cannot be placed: its position was not kept\n");
     else if (!a->same_mesh)
         printf("on the nearest surface, %.3f %% of the model's size away: %u,%u,%.4f,%.4f\n",
-               100 * a->distance, a->object, a->triangle, a->weight[0], a->weight[1]);
-    else if (a->distance > 1e-6)
+               100 * a->point.distance, a->point.object, a->point.triangle, a->point.weight[0],
+               a->point.weight[1]);
+    else if (a->point.distance > 1e-6)
         printf("on its triangle, which moved by %.3f %% of the model's size\n",
-               100 * a->distance);
+               100 * a->point.distance);
     else printf("on its triangle, as it was\n");
+}
+
+cJSON *room_point_json(const struct room_point *p)
+{
+    static const char *const axis[] = {"x", "y", "z"};
+    cJSON *at = cJSON_CreateObject();
+    cJSON_AddNumberToObject(at, "object", p->object);
+    cJSON_AddNumberToObject(at, "triangle", p->triangle);
+    add_float(at, "b1", (float)p->weight[0]);
+    add_float(at, "b2", (float)p->weight[1]);
+    cJSON *position = cJSON_AddObjectToObject(at, "position");
+    for (int k = 0; k < 3; k++) add_float(position, axis[k], (float)p->position[k]);
+    return at;
 }
 
 static cJSON *anchor_json(double pin, const struct anchor *a)
 {
-    static const char *const axis[] = {"x", "y", "z"};
     cJSON *json = cJSON_CreateObject();
     cJSON_AddNumberToObject(json, "pin", pin);
     cJSON_AddStringToObject(json, "state",
-                            !a->placed           ? "lost"
-                            : !a->same_mesh      ? "placed"
-                            : a->distance > 1e-6 ? "moved"
-                                                 : "same");
-    if (isfinite(a->distance)) cJSON_AddNumberToObject(json, "distance", a->distance);
-    if (!a->placed) return json;
-    cJSON *at = cJSON_AddObjectToObject(json, "at");
-    cJSON_AddNumberToObject(at, "object", a->object);
-    cJSON_AddNumberToObject(at, "triangle", a->triangle);
-    add_float(at, "b1", (float)a->weight[0]);
-    add_float(at, "b2", (float)a->weight[1]);
-    cJSON *position = cJSON_AddObjectToObject(at, "position");
-    for (int k = 0; k < 3; k++) add_float(position, axis[k], (float)a->position[k]);
+                            !a->placed                 ? "lost"
+                            : !a->same_mesh            ? "placed"
+                            : a->point.distance > 1e-6 ? "moved"
+                                                       : "same");
+    if (isfinite(a->point.distance))
+        cJSON_AddNumberToObject(json, "distance", a->point.distance);
+    if (a->placed) cJSON_AddItemToObject(json, "at", room_point_json(&a->point));
     return json;
 }
 
@@ -213,7 +226,7 @@ int room_anchors(struct room_call *c)
         status = report_usage(c->options, "the room's scene has no model: set it first");
     else if (relight_geometry(c->client, model, true, &g, &c->error)) status = room_failed(c);
     if (!status) {
-        double size = diagonal(&g);
+        double low[3], high[3], size = room_bounds(&g, low, high);
         cJSON_ArrayForEach(pin, list_of(state, "pins"))
         {
             double number = number_of(list_of(pin, "stamp"), "sequence");

@@ -55,8 +55,12 @@ static int decision_side(struct room_call *c, struct side *s, struct side *now)
     snprintf(s->name, sizeof s->name, "%s by %.30s at revision %.0f",
              cJSON_IsTrue(list_of(d, "approve")) ? "approved" : "rejected",
              escape(author_of(stamp)).text, number_of(list_of(d, "seen"), "revision"));
-    unsigned revision = room_revision_now(state);
-    if (revision) snprintf(now->name, sizeof now->name, "now at %u", revision);
+    struct room_now is;
+    room_now(c, state, &is);
+    const char *model = room_model_change(d, &is);
+    int n = is.revision ? snprintf(now->name, sizeof now->name, "now at %u", is.revision)
+                        : snprintf(now->name, sizeof now->name, "now");
+    if (*model) snprintf(now->name + n, sizeof now->name - (size_t)n, "; %s", model);
     cJSON_Delete(state);
     return EXIT_DONE;
 }

@@ -56,13 +56,13 @@ static int write_picture(struct room_call *c, const char *name,
     return status;
 }
 
-// Of a decision about another revision than the scene is now: both, and where they differ.
-static int write_change(struct room_call *c, const cJSON *state, const cJSON *decision)
+// Of a decision about another scene or bake than the room shows now: both, and where they
+// differ.
+static int write_change(struct room_call *c, const struct room_now *now, const cJSON *decision)
 {
     char name[80], path[4096];
     double sequence = number_of(list_of(decision, "stamp"), "sequence");
-    if (number_of(list_of(decision, "seen"), "revision") == room_revision_now(state))
-        return EXIT_DONE;
+    if (room_stands(decision, now)) return EXIT_DONE;
     snprintf(name, sizeof name, "pictures/decision-%.0f-now.png", sequence);
     path_in(c, path, name);
     return room_write_change(c, (uint64_t)sequence, path);
@@ -81,6 +81,8 @@ static int write_pictures(struct room_call *c, const cJSON *state)
     const cJSON *item;
     char name[80];
     int status = EXIT_DONE;
+    struct room_now now;
+    room_now(c, state, &now);
     for (int kind = 0; kind < 2; kind++)
         cJSON_ArrayForEach(item, list_of(state, kind ? "decisions" : "pins"))
         {
@@ -92,7 +94,7 @@ static int write_pictures(struct room_call *c, const cJSON *state)
                      (unsigned long long)sequence);
             if (!status) status = write_picture(c, name, &view);
             if (!status && !kind) status = write_strokes(c, state, (double)sequence);
-            if (!status && kind) status = write_change(c, state, item);
+            if (!status && kind) status = write_change(c, &now, item);
         }
     return status;
 }
@@ -201,21 +203,76 @@ static cJSON *note_text(const cJSON *author, const cJSON *date, const char *text
     return cJSON_CreateString(all);
 }
 
-static int import_pin(struct room_call *c, const cJSON *topic, uint64_t *pin)
+// What a topic of another program needs: it names no point of the surface, but has a view.
+struct placing {
+    struct room_call *c;
+    cJSON *state; // NULL: not asked for yet
+    struct relight_geometry geometry;
+    unsigned n; // pins that their view placed
+};
+
+static int begin_placing(struct placing *p)
+{
+    struct room_call *c = p->c;
+    if (p->state) return EXIT_DONE;
+    if (!(p->state = room_state(c))) return EXIT_FAILED;
+    const char *model = text_of(list_of(p->state, "scene"), "model");
+    if (!*model)
+        return report_usage(c->options, "the room's scene has no model to place pins on: "
+                                        "relight room scene ROOM --model MODEL");
+    return relight_geometry(c->client, model, true, &p->geometry, &c->error) ? room_failed(c)
+                                                                             : EXIT_DONE;
+}
+
+static void end_placing(struct placing *p)
+{
+    if (p->geometry.owner) relight_geometry_finish(&p->geometry);
+    cJSON_Delete(p->state);
+}
+
+// The point that the view shows, and the room's scene seen by its camera. A topic without a
+// view is pinned to the first triangle.
+static int place_by_view(struct placing *p, const cJSON *topic, cJSON *pin)
+{
+    struct bcf_view view;
+    struct room_point at = {0};
+    struct relight_camera camera;
+    bool has_view = bcf_view_of(list_of(topic, "view"), &view);
+    int status = has_view ? begin_placing(p) : EXIT_DONE;
+    if (status) return status;
+    if (!has_view || !room_look(&p->geometry, &view, &at, &camera)) {
+        cJSON_AddItemToObject(pin, "at", cJSON_CreateObject());
+        return EXIT_DONE;
+    }
+    cJSON *scene = cJSON_Duplicate(list_of(p->state, "scene"), 1);
+    cJSON_DeleteItemFromObject(scene, "camera");
+    room_add_camera(scene, &camera);
+    cJSON_AddItemToObject(pin, "at", room_point_json(&at));
+    cJSON_AddItemToObject(pin, "scene", scene);
+    p->n++;
+    return EXIT_DONE;
+}
+
+static int import_pin(struct placing *p, const cJSON *topic, uint64_t *pin)
 {
     const cJSON *own = list_of(topic, "relight"), *scene = list_of(own, "scene");
     const cJSON *at = list_of(list_of(own, "pin"), "at");
     const char *text = text_of(topic, "Description");
     struct relight_room_edited edited;
+    int status = EXIT_DONE;
     cJSON *m = cJSON_CreateObject();
     if (!*text) text = text_of(topic, "Title");
     cJSON_AddItemToObject(
         m, "text",
         note_text(list_of(topic, "CreationAuthor"), list_of(topic, "CreationDate"), text));
-    // Another program's topic has no point of the surface: it is pinned to the first triangle.
-    cJSON_AddItemToObject(m, "at", at ? cJSON_Duplicate(at, 1) : cJSON_CreateObject());
-    if (scene) cJSON_AddItemToObject(m, "scene", cJSON_Duplicate(scene, 1));
-    int status = room_act(c, room_action("pin", m), &edited);
+    if (at) cJSON_AddItemToObject(m, "at", cJSON_Duplicate(at, 1));
+    else status = place_by_view(p, topic, m);
+    if (at && scene) cJSON_AddItemToObject(m, "scene", cJSON_Duplicate(scene, 1));
+    if (status) {
+        cJSON_Delete(m);
+        return status;
+    }
+    status = room_act(p->c, room_action("pin", m), &edited);
     *pin = edited.sequence;
     return status;
 }
@@ -250,15 +307,21 @@ static int import_notes(struct room_call *c, const cJSON *topic, uint64_t pin)
 int room_import(struct room_call *c)
 {
     cJSON *topics, *topic;
+    struct placing placing = {.c = c};
     int status = bcf_read(c, c->word[0], &topics);
     if (status) return status;
     cJSON_ArrayForEach(topic, topics)
     {
         uint64_t pin;
-        if (!status) status = import_pin(c, topic, &pin);
+        if (!status) status = import_pin(&placing, topic, &pin);
         if (!status) status = import_notes(c, topic, pin);
     }
-    if (!status && !c->options->json) printf("%d pins\n", cJSON_GetArraySize(topics));
+    if (!status && !c->options->json) {
+        printf("%d pins", cJSON_GetArraySize(topics));
+        if (placing.n) printf(", placed by their view: %u", placing.n);
+        putchar('\n');
+    }
+    end_placing(&placing);
     cJSON_Delete(topics);
     return status;
 }

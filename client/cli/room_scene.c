@@ -37,7 +37,7 @@ static bool has_camera(const struct relight_camera *camera)
     return camera->set || camera->has_orbit || camera->name[0];
 }
 
-static void add_camera(cJSON *scene, const struct relight_camera *camera)
+void room_add_camera(cJSON *scene, const struct relight_camera *camera)
 {
     cJSON *out = cJSON_AddObjectToObject(scene, "camera");
     if (camera->name[0]) {
@@ -112,7 +112,7 @@ static void add_rest(const struct options *o, cJSON *scene, cJSON *parts)
     }
     add_shade(o, scene, parts);
     if (has_camera(&o->picture.camera)) {
-        add_camera(scene, &o->picture.camera);
+        room_add_camera(scene, &o->picture.camera);
         cJSON_AddItemToArray(parts, cJSON_CreateString("camera"));
     }
     if (has_picture(&o->picture)) {

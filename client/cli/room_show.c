@@ -40,21 +40,9 @@ int room_list(struct room_call *c)
 
 // ---- one room
 
-unsigned room_revision_now(const cJSON *state)
-{
-    const cJSON *r;
-    unsigned now = 0;
-    cJSON_ArrayForEach(
-        r, list_of(state, "revisions")) if (cJSON_Compare(list_of(r, "scene"),
-                                                          list_of(state, "scene"), 1)) now =
-        (unsigned)number_of(r, "number");
-    return now;
-}
-
-static void print_scene(const cJSON *state)
+static void print_scene(const cJSON *state, unsigned now)
 {
     const cJSON *scene = list_of(state, "scene"), *material = list_of(scene, "material");
-    unsigned now = room_revision_now(state);
     printf("scene: model %.16s, lights: %d",
            *text_of(scene, "model") ? text_of(scene, "model") : "none",
            cJSON_GetArraySize(list_of(scene, "lights")));
@@ -92,17 +80,19 @@ static void print_pin(const cJSON *pin, bool all)
     if (!all && n > 1) printf("    replies: %d\n", n - 1);
 }
 
-static void print_decision(const cJSON *decision, unsigned now)
+static void print_decision(const cJSON *decision, const struct room_now *now)
 {
     char when[32];
+    const char *model = room_model_change(decision, now);
     const cJSON *stamp = list_of(decision, "stamp");
     double at = number_of(list_of(decision, "seen"), "revision");
     print_time(when, number_of(stamp, "time_us"));
     printf("decision %.0f  %s  %s %s at revision %.0f", number_of(stamp, "sequence"), when,
            escape(author_of(stamp)).text,
            cJSON_IsTrue(list_of(decision, "approve")) ? "approved" : "rejected", at);
-    if (!now) printf(", changed since");
-    else if (at < now || at > now) printf(", now at %u", now);
+    if (!now->revision) printf(", changed since");
+    else if (at < now->revision || at > now->revision) printf(", now at %u", now->revision);
+    if (*model) printf("; %s", model);
     if (*text_of(decision, "note")) printf(": %s", escape(text_of(decision, "note")).text);
     putchar('\n');
 }
@@ -126,14 +116,13 @@ static void print_people(const cJSON *state)
     }
 }
 
-static void print_room(const cJSON *state)
+static void print_room(const cJSON *state, const struct room_now *now)
 {
     const cJSON *item;
-    unsigned now = room_revision_now(state);
     printf("%s  %s  event %.0f%s\n", escape(text_of(state, "name")).text,
            text_of(state, "room"), number_of(state, "sequence"),
            cJSON_IsTrue(list_of(state, "closed")) ? "  closed" : "");
-    print_scene(state);
+    print_scene(state, now->revision);
     print_people(state);
     cJSON_ArrayForEach(item, list_of(state, "pins")) print_pin(item, false);
     cJSON_ArrayForEach(item, list_of(state, "decisions")) print_decision(item, now);
@@ -182,7 +171,9 @@ int room_show(struct room_call *c)
     } else if (pin) {
         print_pin(item, true);
     } else {
-        print_room(state);
+        struct room_now now;
+        room_now(c, state, &now);
+        print_room(state, &now);
     }
     cJSON_Delete(state);
     return status;
@@ -231,9 +222,16 @@ int room_log(struct room_call *c)
     }
 }
 
+// The model is asked for before: nothing else can be asked while news come.
+struct watching {
+    struct room_call *c;
+    struct room_now now;
+};
+
 static int news(void *user, enum relight_room_news kind, const char *text)
 {
-    struct room_call *c = user;
+    struct watching *w = user;
+    struct room_call *c = w->c;
     if (kind == RELIGHT_ROOM_EVENTS) return print_events(c, text);
     cJSON *json = cJSON_Parse(text);
     const cJSON *p;
@@ -242,7 +240,10 @@ static int news(void *user, enum relight_room_news kind, const char *text)
         fflush(stdout);
         return ferror(stdout) != 0;
     }
-    if (kind == RELIGHT_ROOM_STATE) print_room(json);
+    if (kind == RELIGHT_ROOM_STATE) {
+        room_now_scene(json, &w->now);
+        print_room(json, &w->now);
+    }
     cJSON_ArrayForEach(p, list_of(json, "participants"))
     {
         if (cJSON_IsTrue(list_of(p, "gone")))
@@ -259,7 +260,12 @@ static int news(void *user, enum relight_room_news kind, const char *text)
 
 int room_watch(struct room_call *c)
 {
-    if (relight_room_follow(c->client, c->room, c->me, NULL, -1, news, c, &c->error))
+    struct watching w = {.c = c};
+    cJSON *state = room_state(c);
+    if (!state) return EXIT_FAILED;
+    room_now(c, state, &w.now);
+    cJSON_Delete(state);
+    if (relight_room_follow(c->client, c->room, c->me, NULL, -1, news, &w, &c->error))
         return room_failed(c);
     return EXIT_DONE;
 }

@@ -281,7 +281,9 @@ static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
         .errors = m->errors,
         .n_warning = m->n_warnings,
         .warning = (const char *const *)m->warnings,
-        .failure = m->error ? m->error->text : ""};
+        .failure = m->error ? m->error->text : "",
+        .mesh_hash = m->mesh_hash,
+        .bake_hash = m->bake_hash};
     get_vec3(m->box_min, out->box_min);
     get_vec3(m->box_max, out->box_max);
 }

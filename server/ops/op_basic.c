@@ -353,7 +353,10 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
     if (!text || !block_text || !blocks || !camera_text || !cameras || !media) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
+        struct model_hashes hashes = model_hashes(file->value);
         fill_info(m, request->conn->principal->name, text);
+        text->info.mesh_hash = hashes.mesh;
+        text->info.bake_hash = hashes.bake;
         text->info.material = media[0];
         text->info.n_media = t->media.n;
         text->info.media = media;
@@ -410,7 +413,7 @@ struct geometry {
     float scale;
     uint64_t generation;
     size_t normals_offset, triangles_offset, size;
-    char mesh_hash[17];
+    struct model_hashes hashes;
     char *bytes;
 };
 
@@ -457,7 +460,7 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
         out.triangles_offset = g->triangles ? g->triangles_offset : 0;
         out.mm_per_unit = mesh->mm_per_unit;
         out.generation = g->generation;
-        out.mesh_hash = g->mesh_hash;
+        out.mesh_hash = g->hashes.mesh;
         void *textures = g->textures ? texture_answer(mesh, &g->sections, &out) : NULL;
         g->bytes = NULL;
         request_answer(request, &out.base, &payload);
@@ -487,8 +490,7 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
     const struct prt_file *file = ((struct shape *)shape->value)->file->value;
-    uint64_t hash = prt_file_transport(file)->mesh_hash;
-    if (hash) snprintf(g->mesh_hash, sizeof g->mesh_hash, "%016llx", (unsigned long long)hash);
+    g->hashes = model_hashes(file);
     g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
     size_t vectors = (size_t)mesh->n_vertex * 12;
     g->size = vectors;

@@ -33,18 +33,16 @@ static void fill_and_go(struct seen_wait *w, struct request *request)
     const struct prt_file *file = w->wait.entry->value;
     const struct prt_transport *t = prt_file_transport(file);
     Relight__Seen seen = RELIGHT__SEEN__INIT;
-    char mesh[17] = "", bake[17] = "";
+    struct model_hashes hashes = model_hashes(file);
     int state = model_state(w->model);
     bool baked = state == RELIGHT__MODEL_STATE__MODEL_READY ||
                  state == RELIGHT__MODEL_STATE__MODEL_UNLOADED;
     static const int engines[] = {RELIGHT__ENGINE__ENGINE_WAVELET,
                                   RELIGHT__ENGINE__ENGINE_POLYNOMIAL,
                                   RELIGHT__ENGINE__ENGINE_JOINT};
-    if (t->mesh_hash) snprintf(mesh, sizeof mesh, "%016llx", (unsigned long long)t->mesh_hash);
-    if (baked) snprintf(bake, sizeof bake, "%016llx", (unsigned long long)prt_file_hash(file));
     seen.model = w->model->id;
-    seen.mesh_hash = mesh;
-    seen.bake_hash = bake;
+    seen.mesh_hash = hashes.mesh;
+    seen.bake_hash = hashes.bake;
     seen.server = (char *)(uintptr_t)RELIGHT_VERSION;
     seen.engine = scene_engine(request->server, w->scene);
     if (!seen.engine && baked && t->engine < 3)

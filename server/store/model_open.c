@@ -172,6 +172,25 @@ static float json_error(const char *errors, const char *term)
     return x;
 }
 
+// The file of a preview has a tensor, too, but nothing is in it.
+static bool has_light(const struct prt_transport *t)
+{
+    for (uint32_t i = 0; i < t->n_tensor; i++)
+        if (t->tensor[i].u_count || t->tensor[i].rows.n_row) return true;
+    return false;
+}
+
+struct model_hashes model_hashes(const struct prt_file *file)
+{
+    struct model_hashes out = {0};
+    const struct prt_transport *t = prt_file_transport(file);
+    if (t->mesh_hash)
+        snprintf(out.mesh, sizeof out.mesh, "%016llx", (unsigned long long)t->mesh_hash);
+    if (has_light(t))
+        snprintf(out.bake, sizeof out.bake, "%016llx", (unsigned long long)prt_file_hash(file));
+    return out;
+}
+
 static void learn_mesh(struct model *m, const struct prt_file *file)
 {
     const struct prt_mesh *mesh = &prt_file_transport(file)->mesh;

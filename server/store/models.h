@@ -154,6 +154,13 @@ struct cache_entry *model_open(struct model *model, int *code, char error[256]);
 /* The same for the file that has the model's mesh: the bake, else the preview's. */
 struct cache_entry *model_mesh_open(struct model *model, int *code, char error[256]);
 
+/* Hashes of an open file: of the mesh that it has, and of its light transport, 16 hex digits
+ * each; "": not known, and without light transport. */
+struct model_hashes {
+    char mesh[17], bake[17];
+};
+struct model_hashes model_hashes(const struct prt_file *file);
+
 void model_watch(struct model *model, struct model_watcher *watcher);
 void model_unwatch(struct model *model, struct model_watcher *watcher);
 void model_changed(struct model *model);

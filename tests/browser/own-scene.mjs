@@ -168,7 +168,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       copyFileSync(join(folder, "bumps.obj"), join(folder, "models", "early.obj"));
       relight(
         ...["load", "early.obj", "--remote", "--name", "early", "--size-mm", "20"],
-        ...["--material", "skin1", "--preview"],
+        ...["--material", "skin1", "--samples", "1000", "--preview"],
       );
       const ann = await begin(
         home,
@@ -187,6 +187,20 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
         seen.engine,
         await ann.evaluate(() => globalThis.relightViewer.status.engine),
       );
+      // An approval was of the preview: a bake that takes its place is told.
+      await ann.getByRole("button", { name: "Approve", exact: true }).click();
+      await ann.getByAltText("What the decision is about").waitFor(PATIENCE);
+      await ann.getByRole("button", { name: "Approve this picture" }).click();
+      await ann.getByText("approved as it is now").waitFor(PATIENCE);
+      relight(
+        ...["load", "early.obj", "--remote", "--name", "early", "--size-mm", "20"],
+        ...["--material", "skin1", "--samples", "1000", "--wait"],
+      );
+      await ann
+        .getByText(/approved at revision \d+; the model was baked since/)
+        .waitFor(PATIENCE);
+      await ann.getByText(/ΔE₀₀ mean \d/).waitFor(PATIENCE);
+      await shot(ann, "room-baked-since");
       // On a bake of the same shape it has its triangle.
       await ann.evaluate(() => (location.hash = "model=marble.prt&light=constant@0,0"));
       await mode(ann, "mesh");

@@ -116,6 +116,44 @@ grep -q '"mesh_hash":"[0-9a-f]\{16\}"' out && ! grep -q bake_hash out || fail "t
 expect 0 room scene early --model twin
 expect 0 room anchors early
 says 'pin 2  on its triangle, as it was'
+# A decision is about the bake that was seen: a bake that replaces its preview is told, and one
+# that replaces a bake.
+expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --preview
+expect 0 room create later --model later --env constant --size 96x64
+expect 0 room approve later 'of the preview'
+expect 0 room show later
+says 'approved at revision 1: of the preview'
+expect 0 room export later -o later
+[ ! -e later/pictures/decision-2-now.png ] || fail "a picture of a change that is none"
+expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --wait
+expect 0 room show later
+says 'approved at revision 1; the model was baked since: of the preview'
+expect 0 room compare later
+says 'approved by ann at revision 1, now at 1; the model was baked since: dE2000 mean'
+expect 0 room export later -o later
+[ -s later/pictures/decision-2-now.png ] || fail "no picture of what the bake changed"
+expect 0 room reject later 'of the bake'
+expect 0 room show later
+says 'rejected at revision 1: of the bake'
+expect 0 info later --json
+grep -q '"mesh_hash":"[0-9a-f]\{16\}","bake_hash":"[0-9a-f]\{16\}"' out || fail "the model's hashes: $(cat out)"
+expect 0 unload later --forget
+expect 0 room show later
+says 'rejected at revision 1: of the bake'
+# The same bake again has the same bytes. A file with another bake of the shape takes its place.
+expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --wait
+expect 0 room show later
+says 'rejected at revision 1: of the bake'
+file_of() { "$bin/relight" -s "unix:$dir/s" info "$1" --json | sed 's/.*"model":"\([0-9a-f]*\)".*/data\/bakes\/\1.prt/'; }
+of_small=$(file_of small) of_later=$(file_of later)
+kill $daemon && wait $daemon || fail "the daemon's end"
+cp "$of_small" "$of_later" || fail "no bake of the models"
+start
+expect 0 room show later
+says 'rejected at revision 1; the model was baked anew since: of the bake'
+expect 0 room scene later --exposure 2
+expect 0 room show later
+says 'rejected at revision 1, changed since; the model was baked anew since: of the bake'
 expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model fine
 expect 0 room anchors "$room"
@@ -219,6 +257,67 @@ says 'I see it'
 expect 0 room show copy 2 -o imported.png
 cmp first.png imported.png || fail "the imported pin shows another picture"
 expect 0 room export copy -o second
+# Another program's file has no point of the surface, but views, of a model of 10 mm a unit: in
+# metres with +z up.
+python3 - <<'END' || fail "foreign.bcf"
+import zipfile
+def camera(kind, eye, direction, up, more):
+    v = ''.join('<%s><X>%s</X><Y>%s</Y><Z>%s</Z></%s>' % (n, *x.split(), n) for n, x in
+                (('CameraViewPoint', eye), ('CameraDirection', direction), ('CameraUpVector', up)))
+    return '<VisualizationInfo Guid="v"><Components/><%s>%s%s</%s></VisualizationInfo>' % (kind, v, more, kind)
+views = {
+    'tilted': camera('PerspectiveCamera', '0.015 -0.02 0.01', '-1 1.8 -0.7', '0 0 1', '<FieldOfView>50</FieldOfView>'),
+    'above': camera('OrthogonalCamera', '0.002 -0.003 0.5', '0 0 -1', '0 1 0', '<ViewToWorldScale>0.03</ViewToWorldScale>'),
+    'past': camera('PerspectiveCamera', '0.05 -0.1 0', '0 1 0', '0 2 0', '<FieldOfView>60</FieldOfView>'),
+    'lost': camera('PerspectiveCamera', 'nan 0 1e99', '0 0 0', '0 0 1', '<FieldOfView>-1</FieldOfView>'),
+    'blind': None}
+with zipfile.ZipFile('foreign.bcf', 'w', zipfile.ZIP_DEFLATED) as z:
+    z.writestr('bcf.version', '<Version VersionId="2.1"/>')
+    for name, view in views.items():
+        part = '<Viewpoints Guid="v"><Viewpoint>%s.bcfv</Viewpoint></Viewpoints>' % name if view else ''
+        z.writestr(name + '/markup.bcf', '<Markup><Topic Guid="t"><Title>%s</Title><CreationAuthor>x</CreationAuthor>'
+                   '</Topic><Comment Guid="c"><Comment>seen</Comment><Viewpoint Guid="v"/></Comment>%s</Markup>' % (name, part))
+        if view: z.writestr('%s/%s.bcfv' % (name, name), view)
+END
+expect 0 load small.obj --remote --name ten --mm-per-unit 10 --material marble --preview
+expect 0 room create foreign --model ten --env constant --size 96x64
+expect 0 room import foreign foreign.bcf
+says '^5 pins, placed by their view: 3$'
+expect 0 room show foreign --json
+python3 - out <<'END' || fail "the pins of another program: $(cat out)"
+import json, math, sys
+room = json.load(open(sys.argv[1]))
+def near(a, b, what):
+    got = [a.get(k, 0) for k in 'xyz']
+    assert all(abs(g - w) < 1e-4 for g, w in zip(got, b)), (what, got, b)
+def camera(pin):
+    return room['revisions'][pin['seen']['revision'] - 1]['scene'].get('camera')
+pins = {p['notes'][0]['text'].split('\n')[0]: p for p in room['pins']}
+tilted, above, past = (pins[n] for n in ('tilted', 'above', 'past'))
+near(tilted['at']['position'], (.5, .3, .2), 'tilted')
+assert tilted['at'].get('triangle', 0) == 0 and abs(tilted['at']['b1'] - .3) < 1e-4 and abs(tilted['at']['b2'] - .2) < 1e-4
+near(camera(tilted)['eye'], (1.5, 1, 2), 'eye')
+near(camera(tilted)['target'], (.5, .3, .2), 'target')
+near(camera(tilted)['up'], (0, 1, 0), 'up')
+assert camera(tilted)['fovy_deg'] == 50
+# A long lens: its angle spans the height of the view, 3 units, where the pin lies.
+near(above['at']['position'], (.2, .5, .3), 'above')
+near(camera(above)['up'], (0, 0, -1), 'up')
+near(camera(above)['target'], (.2, .5, .3), 'target')
+far = camera(above)['eye']['y'] - .5
+assert abs(2*far*math.tan(math.radians(camera(above)['fovy_deg'])/2) - 3) < 1e-4, far
+near(past['at']['position'], (1, 0, 0), 'past') # the nearest corner
+near(camera(past)['eye'], (5, 0, 10), 'past')
+near(camera(past)['up'], (0, 1, 0), 'an up along the view')
+for name in ('lost', 'blind'):
+    assert pins[name]['at'].get('triangle', 0) == 0 and camera(pins[name]) is None, name
+assert all(p['notes'][1]['text'].startswith('seen') for p in room['pins'])
+END
+for pin in 2 4 6; do # each has a comment
+    expect 0 room show foreign $pin -o foreign.png
+done
+expect 0 room create empty
+expect 2 room import empty foreign.bcf && says 'no model to place pins on'
 head -c 3000 export/pins.bcf >cut.bcf
 expect 1 room import copy cut.bcf && says 'zip'
 if [ -n "$only" ]; then

@@ -133,6 +133,27 @@ static unsigned add_get(struct vector *out, unsigned n)
                       LAST, 33, &answer.base, payload, size);
 }
 
+// The model of the room, with the hashes that tell what a decision was about.
+static unsigned add_info(struct vector *out, unsigned n)
+{
+    static Relight__InfoRequest ask;
+    static Relight__ModelInfo info;
+    relight__info_request__init(&ask);
+    relight__model_info__init(&info);
+    ask.model = "3f9ad2c1";
+    info.model = "3f9ad2c10123456789abcdef01234567";
+    info.name = "bunny";
+    info.state = RELIGHT__MODEL_STATE__MODEL_READY;
+    info.n_vertex = 3;
+    info.n_triangle = 1;
+    info.mesh_hash = "00112233445566aa";
+    info.bake_hash = "8899aabbccddeeff";
+    n = vector_add(out, n, "info", "C: INFO of the room's model", 10, LAST, 36, &ask.base, NULL,
+                   0);
+    return vector_add(out, n, "info_answer", "S: INFO with mesh_hash and bake_hash",
+                      10 | ANSWER, LAST, 36, &info.base, NULL, 0);
+}
+
 static unsigned add_hand(struct vector *out, unsigned n)
 {
     static Relight__RoomPresenceRequest presence;
@@ -188,5 +209,6 @@ unsigned vectors_add_rooms(struct vector *out, unsigned n)
     n = add_list(out, n);
     n = add_edit(out, n);
     n = add_get(out, n);
-    return add_rest(out, n);
+    n = add_rest(out, n);
+    return add_info(out, n);
 }

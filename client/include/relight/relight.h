@@ -417,6 +417,9 @@ struct relight_model {
     const char *const *medium; /* [n_medium] */
     const char *failure;       /* of RELIGHT_MODEL_FAILED, else "" */
     void *owner;               /* NULL for members of a list */
+    /* relight_info only, 16 hex digits: of the model's own shape, as in relight_geometry, and
+     * of its bake; "": the daemon does not say, or there is no bake */
+    const char *mesh_hash, *bake_hash;
 };
 
 /* Describes a model.

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
 import { create } from "@bufbuild/protobuf";
 import { describe, expect, test } from "vitest";
-import { SeenSchema, SurfacePointSchema } from "../src/gen/relight_pb";
+import { DecisionSchema, SeenSchema, SurfacePointSchema } from "../src/gen/relight_pb";
 import { anchorOf, fitsMesh, nearestInTriangle, sameMesh } from "../src/room/anchor";
 import { pick, project } from "../src/room/pick";
 import { placedOf } from "../src/room/convert";
+import { stands, verdict, type Made } from "../src/room/verdict";
 import { builtinFile, rgbe } from "../src/room/hdr";
 import type { Placed, Vec3 } from "../src/scene/camera";
 import type { Mesh } from "../src/scene/geometry";
@@ -167,5 +168,43 @@ describe("anchors", () => {
     expect(sameMesh(coarse, "m1", undefined)).toBe(false);
     expect(fitsMesh(coarse, [point(0, 0.2, 0.3, on)])).toBe(true);
     expect(fitsMesh(fine, [point(0, 0.2, 0.3, on)])).toBe(false);
+  });
+});
+
+describe("the verdict of a decision", () => {
+  const seen = { revision: 7, model: "m", meshHash: "a", bakeHash: "" };
+  const decision = (more: Partial<typeof seen> = {}) =>
+    create(DecisionSchema, { approve: true, seen: { ...seen, ...more } });
+  const made = (more: Partial<Made> = {}): Made => ({
+    model: "m",
+    meshHash: "a",
+    bakeHash: "",
+    ...more,
+  });
+  test.each([
+    [{}, 7, made(), "approved as it is now"],
+    [{}, 9, made(), "approved at revision 7, now at 9"],
+    [{}, 0, made(), "approved at revision 7, changed since"],
+    [{}, 7, made({ bakeHash: "b" }), "approved at revision 7; the model was baked since"],
+    [
+      { bakeHash: "b" },
+      9,
+      made({ bakeHash: "c" }),
+      "approved at revision 7, now at 9; the model was baked anew since",
+    ],
+    [{ bakeHash: "b" }, 7, made(), "approved at revision 7; the model has no bake now"],
+    [
+      {},
+      7,
+      made({ meshHash: "x" }),
+      "approved at revision 7; the model has another shape since",
+    ],
+    // What is not known is not said: another model, an older daemon, a model that is gone.
+    [{}, 9, made({ model: "n", bakeHash: "b" }), "approved at revision 7, now at 9"],
+    [{ bakeHash: "b" }, 7, made({ meshHash: "" }), "approved as it is now"],
+    [{ bakeHash: "b" }, 7, null, "approved as it is now"],
+  ])("%#: %j at %i", (more, now, is, words) => {
+    expect(verdict(decision(more), now, is)).toBe(words);
+    expect(stands(decision(more), now, is)).toBe(words.endsWith("as it is now"));
   });
 });

@@ -6,6 +6,7 @@ import { difference, type Difference } from "../scene/color-difference";
 import { Type } from "../protocol/frame";
 import { client } from "../ui/store";
 import { roomId, state } from "./here";
+import { madeKey } from "./made";
 
 /** One of them; none: the room's scene as it is. */
 export interface Kept {
@@ -32,13 +33,15 @@ function ask(what: Kept, size: Size): Promise<Uint8Array> {
     )
     .then(({ payload }) => payload);
 }
+/** Equal as long as the room's scene as it is gives the same picture. */
+export const presentKey = () => `${String(state.value?.sequence ?? "")} ${madeKey.value}`;
 /** The PNG file of a scene. */
 export function pngOf(what: Kept, size: Size = SMALL): Promise<Uint8Array> {
   const isNow = !what.pin && !what.decision && !what.revision;
   const { pin = "", decision = "", revision = "" } = what;
   const key = [
     roomId.value,
-    isNow ? `now ${String(state.value?.sequence ?? "")}` : "",
+    isNow ? `now ${presentKey()}` : "",
     ...[pin, decision, revision].map(String),
     size.width,
     size.height,

@@ -7,10 +7,12 @@ import { anchors } from "../room/anchored";
 import { anchorText } from "../room/anchor";
 import { act, edit } from "../room/edits";
 import { alone, isNew, markRead, mayReview, role, state, watched } from "../room/here";
+import { made, madeKey } from "../room/made";
 import { hashOf, pngOf } from "../room/pictures";
 import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
+import { stands, verdict } from "../room/verdict";
 import { Choice, Section } from "./controls";
 import {
   byOf,
@@ -275,21 +277,12 @@ function NewPin() {
 
 // ---- decisions
 
-function verdict(decision: Decision, now: number): string {
-  const at = decision.seen?.revision ?? 0;
-  const word = decision.approve ? "approved" : "rejected";
-  if (at === now) return `${word} as it is now`;
-  return now
-    ? `${word} at revision ${at}, now at ${now}`
-    : `${word} at revision ${at}, changed since`;
-}
-
 function DecisionRow({ one, now, last }: { one: Decision; now: number; last: boolean }) {
   const number = numberOf(one);
-  const changed = (one.seen?.revision ?? 0) !== now;
+  const changed = !stands(one, now, made.value);
   return (
     <li class={one.approve ? "approved" : "rejected"}>
-      <b>{verdict(one, now)}</b>
+      <b>{verdict(one, now, made.value)}</b>
       <small>
         {byOf(one.stamp)}, {timeOf(one.stamp)}
       </small>
@@ -319,8 +312,9 @@ function Decide() {
   const decide = async (approve: boolean) => {
     const scene = state.value?.scene;
     if (!scene) return;
+    const bake = madeKey.value;
     const pictureHash = await hashOf(await pngOf({}, PICTURE));
-    if (!sameJson(scene, state.value?.scene))
+    if (!sameJson(scene, state.value?.scene) || bake !== madeKey.value)
       throw new Error("the scene has changed meanwhile: look at it again, then decide");
     await edit({ decide: { approve, note: note.value.trim(), scene, pictureHash } });
     note.value = "";
@@ -432,13 +426,13 @@ function PrintedDecision({ one, now }: { one: Decision; now: number }) {
   const number = numberOf(one);
   return (
     <section>
-      <h2>{verdict(one, now)}</h2>
+      <h2>{verdict(one, now, made.value)}</h2>
       <p>
         {byOf(one.stamp)}, {timeOf(one.stamp)}. {one.note}
       </p>
       <div class="pair">
         <Picture what={{ decision: number }} alt="What the decision was about" />
-        {one.seen?.revision !== now && (
+        {!stands(one, now, made.value) && (
           <>
             <Picture what={{}} alt="The scene now" />
             <DifferencePicture

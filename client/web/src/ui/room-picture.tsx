@@ -4,7 +4,14 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Stroke } from "../gen/relight_pb";
 import { state } from "../room/here";
-import { compared, pictureOf, type Compared, type Kept, type Size } from "../room/pictures";
+import {
+  compared,
+  pictureOf,
+  presentKey,
+  type Compared,
+  type Kept,
+  type Size,
+} from "../room/pictures";
 import { project } from "../room/pick";
 import { placedOf } from "../room/convert";
 import { css } from "../room/here";
@@ -16,9 +23,8 @@ const keyOf = (what: Kept) =>
   `${String(what.pin ?? "")}/${String(what.decision ?? "")}/${String(what.revision ?? "")}`;
 const SMALL: Size = { width: 480, height: 360 };
 
-/** sequence: of the state, where the picture is of the scene as it is. */
-const sequenceOf = (what: Kept) =>
-  what.pin || what.decision || what.revision ? 0n : (state.value?.sequence ?? 0n);
+const changesWith = (what: Kept) =>
+  what.pin || what.decision || what.revision ? "" : presentKey();
 
 // A picture that cannot be drawn says why in its place: its model may have been deleted.
 function Undrawn({ why }: { why: string }) {
@@ -51,7 +57,7 @@ export function Picture(props: { what: Kept; alt: string; size?: Size }) {
       },
     );
     return () => (live = false);
-  }, [keyOf(what), sequenceOf(what), isReady()]);
+  }, [keyOf(what), changesWith(what), isReady()]);
   if (why.value) return <Undrawn why={why.value} />;
   return address.value ? (
     <img class="seen" src={address.value} alt={props.alt} />
@@ -111,7 +117,7 @@ export function DifferencePicture(props: { a: Kept; b: Kept; size?: Size }) {
       if (live) why.value = reasonOf(error);
     });
     return () => (live = false);
-  }, [keyOf(a), keyOf(b), sequenceOf(a), sequenceOf(b), isReady()]);
+  }, [keyOf(a), keyOf(b), changesWith(a), changesWith(b), isReady()]);
   if (why.value) return <Undrawn why={why.value} />;
   const numbers = found.value;
   const ramp = [0, 0.2, 0.4, 0.6, 0.8, 1].map((x) => `rgb(${heat(x).join(" ")})`).join(", ");
