@@ -463,6 +463,10 @@ static int unknown_verb(const struct options *o)
 
 static int find_room(struct room_call *c, const char *text)
 {
+    if (room_is_id(text)) {
+        strcpy(c->room, text);
+        return EXIT_DONE;
+    }
     return room_of_word(c->client, text, c->room, &c->error) ? room_failed(c) : EXIT_DONE;
 }
 

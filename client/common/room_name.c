@@ -28,15 +28,16 @@ static unsigned find(const cJSON *rooms, const char *word, char out[RELIGHT_ROOM
     return n;
 }
 
+bool room_is_id(const char *word)
+{
+    return strlen(word) == RELIGHT_ROOM - 1 &&
+           strspn(word, "0123456789abcdef") == RELIGHT_ROOM - 1;
+}
+
 int room_of_word(struct relight_client *client, const char *word, char out[RELIGHT_ROOM],
                  struct relight_error *error)
 {
     char *json;
-    if (strlen(word) == RELIGHT_ROOM - 1 &&
-        strspn(word, "0123456789abcdef") == RELIGHT_ROOM - 1) {
-        strcpy(out, word);
-        return 0;
-    }
     int status = relight_room_list(client, &json, error);
     if (status) return status;
     cJSON *rooms = cJSON_Parse(json);

@@ -257,7 +257,8 @@ int follow_room(struct relight_client *client, const struct options *o)
     struct video *video = NULL;
     pthread_t news;
     uint32_t n_frame = 0;
-    if (room_of_word(client, o->follow, f.room, &f.error)) return report(&f.error);
+    if (room_is_id(o->follow)) strcpy(f.room, o->follow);
+    else if (room_of_word(client, o->follow, f.room, &f.error)) return report(&f.error);
     if (video_is_name(o->output) &&
         !(video = video_open(o->output, o->width, o->height, o->fps)))
         return EXIT_FAILED;
