@@ -12,6 +12,7 @@
 #include "core/access.h"
 #include "core/tls.h"
 #include "core/token.h"
+#include "store/holds.h"
 #include "store/models.h"
 #include "store/readiness.h"
 #include "relight.pb-c.h"
@@ -174,6 +175,7 @@ static int open_data(void)
                                 .max_blob = server.options.max_blob,
                                 .ledger = server.ledger,
                                 .objects = server.objects,
+                                .holds = server.holds,
                                 .work = server.work,
                                 .keep_s = 600,
                                 .idle_s = 600,
@@ -326,6 +328,7 @@ static int start(void)
         events_create(SERVER_EVENTS, &server.events) || loop_create(&server.loop) ||
         loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+        !(server.holds = holds_create()) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_objects() ||
@@ -392,6 +395,7 @@ static void stop(void)
     cache_destroy(server.files);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
+    holds_destroy(server.holds);
     object_store_close(server.objects);
     ledger_destroy(server.ledger);
     access_destroy(server.access);

@@ -28,8 +28,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(SECONDS, store_poll, "store-poll", "SECONDS", "2",                                        \
       "Between two looks at --store for models of others")                                      \
     X(SECONDS, store_keep, "store-keep", "SECONDS", "0",                                        \
-      "Remove an upload of --store, and a bake of no model, that nobody used for this time; "   \
-      "at least a day. 0: never")                                                               \
+      "Remove an upload of --store, and a bake of no model, that nobody used for this time, "   \
+      "and no review room needs; at least a day. 0: never")                                     \
     X(TEXT, http, "http", "HOST:PORT", "",                                                      \
       "Serve HTTP and WebSocket here: the API at /v1, /healthz, /readyz, /metrics, /ws "        \
       "and the page. Empty: no HTTP")                                                           \
@@ -125,7 +125,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Memory for decoded environments, lights, visibility buffers and colours that "           \
       "are kept for reuse")                                                                     \
     X(BYTES, disk, "disk", "BYTES", "64G",                                                      \
-      "Disk space for all uploads and bakes under --data")                                      \
+      "Disk space for all uploads and bakes under --data. What review rooms need is not "       \
+      "removed to make room")                                                                   \
     X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                          \
       "Disk space for bakes under --data; beyond it the least recently used bake that "         \
       "is not pinned is deleted, and baked again when its model is loaded")                     \
@@ -185,7 +186,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "File whose first line is the key of X-Relight-Signature, the HMAC-SHA256 of what is "    \
       "posted")                                                                                 \
     X(SECONDS, rooms_keep, "rooms-keep", "SECONDS", "2592000",                                  \
-      "Delete a review room as long after it was closed. 0: never")                             \
+      "Delete a review room as long after it was closed. 0: never. Until then the disk keeps "  \
+      "the uploads and models that its pins, decisions and revisions need")                     \
     X(SECONDS, room_idle, "room-idle", "SECONDS", "60",                                         \
       "Keep a review room in memory as long after its last use")                                \
     X(SECONDS, handshake, "handshake", "SECONDS", "5",                                          \

@@ -26,6 +26,7 @@ struct tls;
 struct events;
 struct poses;
 struct rooms;
+struct holds;
 struct shared_models;
 struct object_store;
 struct request;
@@ -50,6 +51,7 @@ struct server {
     struct cache *cache; /* decoded and computed results, --cache */
     struct cache *files; /* open .prt files, --memory */
     struct blobs *blobs;
+    struct holds *holds; /* what rooms need: store/holds.h */
     struct decoder *decoder;
     struct jobs *jobs;
     struct object_store *objects; /* what replicas share; with one machine: nothing */

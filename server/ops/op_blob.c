@@ -54,6 +54,8 @@ static void done(struct blob_put *put)
     if (request && put->code) {
         request->abandon = NULL;
         request->conn->own_limit = put->own_limit;
+        if (put->no_room)
+            evict_explain(server, put->own_limit ? put->principal : NULL, put->error);
         request_fail(request, put->code, "%s", put->error);
     } else if (request) {
         Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;

@@ -286,6 +286,17 @@ static bool keep_source(struct load *load, struct model *m, bool fresh)
     return !same;
 }
 
+// Nothing more begins when what rooms need fills the disk.
+static bool rooms_fill_disk(const struct load *load, const struct model *m, char error[256])
+{
+    struct server *server = load->server;
+    if (m && (m->copy || m->state == RELIGHT__MODEL_STATE__MODEL_READY ||
+              m->state == RELIGHT__MODEL_STATE__MODEL_BAKING))
+        return false;
+    evict_for_room(server, m);
+    return evict_over(server, load->owner, error) && evict_held(server, NULL);
+}
+
 void load_source_known(struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
@@ -293,7 +304,7 @@ void load_source_known(struct load *load)
     load_name_model(load, id, kin);
     struct model *m = models_get(load->server->models, id);
     bool fresh = !m;
-    if (fresh && !(m = add_model(load, id, error))) {
+    if (rooms_fill_disk(load, m, error) || (fresh && !(m = add_model(load, id, error)))) {
         LOAD_FAIL(load, LIMIT, "%s", error);
         return;
     }

@@ -3,6 +3,7 @@
 // the folder that replicas share, or is not there either, and then run as always.
 #include "ops/shared_models.h"
 
+#include "net/message_names.h"
 #include "net/request_wait.h"
 #include "relight.pb-c.h"
 #include "store/models.h"
@@ -11,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_BLOBS = 96, DEPTH = 8 };
+enum { MOST_BLOBS = 96 };
 
 struct shared_blob {
     struct blob_waiter waiter; // first
@@ -42,8 +43,7 @@ struct needs {
 
 static void need_blob(struct needs *needs, const char *hash)
 {
-    if (!strncmp(hash, "env:", 4)) hash += 4;
-    if (!relight_hash_valid(hash) || blobs_has(needs->server->blobs, hash)) return;
+    if (blobs_has(needs->server->blobs, hash)) return;
     for (size_t i = 0; i < needs->n_blob; i++)
         if (!strcmp(needs->blob[i], hash)) return;
     if (needs->n_blob < MOST_BLOBS) needs->blob[needs->n_blob++] = hash;
@@ -58,36 +58,10 @@ static void need_model(struct needs *needs, const char *name)
     if (!models_find(needs->server->models, needs->asker, name, error)) needs->model = name;
 }
 
-static void need_text(struct needs *needs, const char *field, const char *text)
+static void need(void *user, enum message_name kind, const char *name)
 {
-    static const char *const blobs[] = {"env",        "blob",       "hash",    "image",
-                                        "albedo_map", "normal_map", "bump_map"};
-    if (!text) return;
-    for (size_t i = 0; i < sizeof blobs / sizeof *blobs; i++)
-        if (!strcmp(field, blobs[i])) need_blob(needs, text);
-    bool id = strlen(text) == MODEL_ID && strspn(text, "0123456789abcdef") == MODEL_ID;
-    if (!strcmp(field, "model") || (!strcmp(field, "job") && id)) need_model(needs, text);
-}
-
-static void walk(struct needs *needs, const ProtobufCMessage *message, int depth)
-{
-    const char *base = (const char *)message;
-    for (unsigned i = 0; depth && i < message->descriptor->n_fields; i++) {
-        const ProtobufCFieldDescriptor *f = &message->descriptor->fields[i];
-        bool text = f->type == PROTOBUF_C_TYPE_STRING;
-        if (!text && f->type != PROTOBUF_C_TYPE_MESSAGE) continue;
-        if (f->flags & PROTOBUF_C_FIELD_FLAG_ONEOF &&
-            *(const uint32_t *)(base + f->quantifier_offset) != f->id)
-            continue;
-        bool many = f->label == PROTOBUF_C_LABEL_REPEATED;
-        size_t n = many ? *(const size_t *)(base + f->quantifier_offset) : 1;
-        const void *const *item = (const void *const *)(base + f->offset);
-        if (many) item = *(const void *const *const *)item;
-        for (size_t k = 0; k < n; k++) {
-            if (text) need_text(needs, f->name, item[k]);
-            else if (item[k]) walk(needs, item[k], depth - 1);
-        }
-    }
+    if (kind == NAME_BLOB) need_blob(user, name);
+    else need_model(user, name);
 }
 
 // ---- waiting
@@ -171,7 +145,7 @@ void shared_fetch_then(struct request *request, bool ordered,
 {
     struct needs needs = {.server = request->server, .asker = request->conn->principal->name};
     bool chunk = request->type == RELIGHT_TYPE_PUT_BLOB && request->payload_size;
-    if (!chunk) walk(&needs, request->message, DEPTH);
+    if (!chunk) message_names(request->message, need, &needs);
     bool wait = needs.n_blob || needs.model || (ordered && request->conn->fetches);
     struct shared_wait *w = wait ? calloc(1, sizeof *w + needs.n_blob * sizeof *w->blob) : NULL;
     if (!w) { // without memory the operation says what is missing

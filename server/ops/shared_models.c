@@ -7,6 +7,7 @@
 #include "net/dispatch.h"
 #include "relight.pb-c.h"
 #include "store/disk.h"
+#include "store/holds.h"
 #include "store/model_files.h"
 
 #include <cjson/cJSON.h>
@@ -53,6 +54,7 @@ struct look {
     struct work work; // first
     double keep_s;    // of --store-keep; and when to remove again what nobody uses
     uint64_t collect_ns, n_collected;
+    char *held; // lines: what rooms need; NULL: not known, or not wanted now
     struct object_store *objects;
     struct object_claim *alive; // tells others that this replica lives
     struct object_watch alive_watch, collect_watch;
@@ -124,14 +126,26 @@ static void say_alive(struct look *look)
                                 &look->alive);
 }
 
-// Once an hour, by one replica at a time.
+// What rooms need counts as used, so that it stays, whichever replica removes the rest.
+static void use_held(const struct look *look)
+{
+    uint64_t bytes;
+    for (char *line = look->held, *end; (end = strchr(line, '\n')); line = end + 1) {
+        *end = 0;
+        for (int kind = 0; kind < OBJECT_RECORD; kind++)
+            (void)object_find(look->objects, (enum object_kind)kind, line, &bytes);
+    }
+}
+
+// Once an hour, by one replica at a time; not before this one knows what rooms need.
 static void collect(struct look *look)
 {
     static const char id[] = "c011ec7c011ec7";
     struct object_claim *claim;
     uint64_t now = loop_now_ns();
-    if (now < look->collect_ns) return;
+    if (now < look->collect_ns || !look->held) return;
     look->collect_ns = now + 3600000000000u;
+    use_held(look);
     if (object_claim_take(look->objects, id, stale_s, &look->collect_watch, &claim)) return;
     (void)object_collect(look->objects, look->keep_s, &look->n_collected);
     object_claim_release(claim);
@@ -470,6 +484,8 @@ static void forget_look(struct look *look)
     for (size_t i = 0; i < look->n_found; i++) free(look->found[i].text);
     free(look->found);
     free(look->known);
+    free(look->held);
+    look->held = NULL;
     look->found = look->known = NULL;
     look->n_found = look->room = look->n_known = 0;
 }
@@ -556,6 +572,7 @@ static void begin_look(struct shared_models *s)
         strcpy(look->known[look->n_known].id, r->id);
         look->known[look->n_known++].tag = r->tag;
     }
+    if (loop_now_ns() >= look->collect_ns) look->held = holds_list(s->server->holds);
     watch_peers(s);
     s->looking = true;
     s->n_look++;

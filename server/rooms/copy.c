@@ -77,7 +77,7 @@ static bool same_log(const struct room_task *a, const struct room_task *b)
 // what lists need.
 static bool append(struct room_store *to, struct loop *loop, const char *room,
                    const struct room_task *log, size_t first, const uint64_t *time_us,
-                   const struct room_summary *summary, char fault[FAULT])
+                   const struct room_summary *summary, const char *keeps, char fault[FAULT])
 {
     struct step *steps = calloc(TOGETHER, sizeof *steps);
     bool good = steps != NULL;
@@ -93,7 +93,10 @@ static bool append(struct room_store *to, struct loop *loop, const char *room,
                                               .n = e->n,
                                               .done = over}};
             snprintf(steps[i].task.room, sizeof steps[i].task.room, "%s", room);
-            if (at + i + 1 == log->n_event) steps[i].task.summary = summary;
+            if (at + i + 1 == log->n_event) {
+                steps[i].task.summary = summary;
+                steps[i].task.keeps = keeps;
+            }
             to->api->submit(to, &steps[i].task);
         }
         for (size_t i = 0; i < n; i++) {
@@ -122,18 +125,20 @@ static bool copy_room(struct room_store *from, struct room_store *to, struct loo
     good = time_us && (state = fold_log(room, &log.task, time_us, fault)) &&
            read_log(to, loop, room, &there, fault);
     size_t first = there.task.n_event;
-    if (good && !room_summarise(state, &summary)) {
+    char *keeps = good ? room_needs(state) : NULL;
+    if (good && (!keeps || !room_summarise(state, &summary))) {
         snprintf(fault, FAULT, "not enough memory");
         good = false;
     }
     *copied = good && first < log.task.n_event ? log.task.n_event - first : 0;
-    good = good && append(to, loop, room, &log.task, first, time_us, &summary, fault) &&
+    good = good && append(to, loop, room, &log.task, first, time_us, &summary, keeps, fault) &&
            read_log(to, loop, room, &after, fault);
     if (good && !same_log(&log.task, &after.task)) {
         snprintf(fault, FAULT, "room %s: the other store has another log of it", room);
         good = false;
     }
     summary_finish(&summary);
+    free(keeps);
     room_state_free(state);
     free(time_us);
     room_task_finish(&log.task);

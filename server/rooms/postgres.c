@@ -31,6 +31,10 @@ static const char schema[] =
     " expires_s bigint NOT NULL, PRIMARY KEY (room, id));"
     "CREATE TABLE IF NOT EXISTS shared_text (name text PRIMARY KEY, version bigint NOT NULL,"
     " value bytea NOT NULL);"
+    // What a room needs of the disk (store/holds.h); none: its state has to be read once.
+    // Beside the room, so that a relightd that does not know it works on.
+    "CREATE TABLE IF NOT EXISTS keeps (room bigint PRIMARY KEY REFERENCES room ON DELETE"
+    " CASCADE, names text NOT NULL);"
     "INSERT INTO relight_schema SELECT 1 WHERE NOT EXISTS (SELECT FROM relight_schema);";
 static const char settings[] =
     "SET statement_timeout = 10000; SET lock_timeout = 5000; SET synchronous_commit = on;"
@@ -235,6 +239,17 @@ static enum pg_fault write_summary(struct pg_db *db, uint64_t room,
     return fault;
 }
 
+static enum pg_fault write_keeps(struct pg_db *db, uint64_t room, const char *keeps)
+{
+    struct parameters p = {0};
+    add_number(&p, room);
+    add_text(&p, keeps);
+    return ask(db,
+               "INSERT INTO keeps (room, names) VALUES ($1, $2)"
+               " ON CONFLICT (room) DO UPDATE SET names=excluded.names",
+               &p, NULL);
+}
+
 // *number 0: another replica was first.
 static enum pg_fault add_room(struct pg_db *db, const struct room_task *task, uint64_t *number)
 {
@@ -282,13 +297,14 @@ static enum pg_fault is_there(struct pg_db *db, const struct room_task *task, ui
     return PG_FINE;
 }
 
-// Others read what the room and the sequence say; `s`: who may enter has changed.
+// Others read what the room and the sequence say; `s`: who may enter has changed; `k`: what it
+// needs of the disk has.
 static enum pg_fault notify(struct pg_db *db, const struct room_task *task)
 {
     struct parameters p = {0};
     char text[100];
-    snprintf(text, sizeof text, "%s %llu%s", task->room, (unsigned long long)task->sequence,
-             task->summary ? " s" : "");
+    snprintf(text, sizeof text, "%s %llu%s%s", task->room, (unsigned long long)task->sequence,
+             task->summary ? " s" : "", task->keeps ? " k" : "");
     add_text(&p, text);
     return ask(db, "SELECT pg_notify('relight_room', $1)", &p, NULL);
 }
@@ -318,6 +334,7 @@ static enum pg_fault append(struct pg_db *db, struct room_task *task)
     add_bytes(&p, task->bytes, task->n);
     fault = ask(db, "INSERT INTO event (room, sequence, bytes) VALUES ($1, $2, $3)", &p, NULL);
     if (!fault && task->summary) fault = write_summary(db, place.number, task->summary);
+    if (!fault && task->keeps) fault = write_keeps(db, place.number, task->keeps);
     return fault ? fault : notify(db, task);
 }
 
@@ -431,7 +448,28 @@ static enum pg_fault set_snapshot(struct pg_db *db, struct room_task *task)
                &p, NULL);
 }
 
-static void fill_row(const struct room_task *task, const PGresult *r, int i,
+// One statement: nobody can write between the look at the sequence and the change.
+static enum pg_fault set_keeps(struct pg_db *db, struct room_task *task)
+{
+    struct parameters p = {0};
+    PGresult *r;
+    add_text(&p, task->room);
+    add_number(&p, task->sequence);
+    add_text(&p, task->keeps);
+    enum pg_fault fault =
+        ask(db,
+            "INSERT INTO keeps (room, names) SELECT number, $3::text FROM room WHERE id=$1 AND"
+            " sequence=$2 FOR UPDATE ON CONFLICT (room) DO UPDATE SET names=excluded.names"
+            " RETURNING room",
+            &p, &r);
+    if (fault) return fault;
+    if (!PQntuples(r)) task->status = ROOM_TASK_CONFLICT;
+    PQclear(r);
+    return task->status == ROOM_TASK_CONFLICT ? PG_FINE : notify(db, task);
+}
+
+// False without memory.
+static bool fill_row(const struct room_task *task, const PGresult *r, int i,
                      struct room_row *row)
 {
     *row = (struct room_row){0};
@@ -439,15 +477,18 @@ static void fill_row(const struct room_task *task, const PGresult *r, int i,
         text_at(r, i, 0, row->by, sizeof row->by);
         row->sequence = number_at(r, i, 1); // number of rooms
         row->bytes = number_at(r, i, 2);
-        return;
+        return true;
     }
     text_at(r, i, 0, row->room, sizeof row->room);
+    if (task->kind == ROOM_TASK_KEEPS)
+        return PQgetisnull(r, i, 1) ||
+               (row->keeps = strndup(PQgetvalue(r, i, 1), (size_t)PQgetlength(r, i, 1)));
     if (task->kind == ROOM_TASK_INVITES) {
         text_at(r, i, 1, row->by, sizeof row->by);
         text_at(r, i, 2, row->hash, sizeof row->hash);
         row->role = (int)number_at(r, i, 3);
         row->expires_s = number_at(r, i, 4);
-        return;
+        return true;
     }
     text_at(r, i, 1, row->name, sizeof row->name);
     text_at(r, i, 2, row->by, sizeof row->by);
@@ -457,6 +498,7 @@ static void fill_row(const struct room_task *task, const PGresult *r, int i,
     row->changed_us = number_at(r, i, 6);
     row->closed = number_at(r, i, 7) != 0;
     row->bytes = number_at(r, i, 8);
+    return true;
 }
 
 static enum pg_fault read_rows(struct pg_db *db, struct room_task *task)
@@ -475,18 +517,24 @@ static enum pg_fault read_rows(struct pg_db *db, struct room_task *task)
         add_number(&p, task->most);
     } else if (task->kind == ROOM_TASK_OWNERS) {
         sql = "SELECT owner, count(*), sum(bytes)::bigint FROM room GROUP BY owner";
+    } else if (task->kind == ROOM_TASK_KEEPS) {
+        sql = "SELECT r.id, k.names FROM room r LEFT JOIN keeps k ON k.room = r.number"
+              " WHERE $1 IN ('', r.id)";
+        add_text(&p, task->room);
     } else if (task->kind == ROOM_TASK_PURGE) {
-        sql = "DELETE FROM room WHERE closed AND changed_us < $1 RETURNING id, name, owner,"
-              " 0::bigint, sequence, created_us, changed_us, closed::int::bigint, bytes";
+        sql = "WITH gone AS (DELETE FROM room WHERE closed AND changed_us < $1 RETURNING *)"
+              " SELECT id, name, owner, 0::bigint, sequence, created_us, changed_us,"
+              " closed::int::bigint, bytes, pg_notify('relight_room', id || ' 0 k') FROM gone";
         add_number(&p, task->time_us);
     }
     enum pg_fault fault = ask(db, sql, &p, &r);
     if (fault) return fault;
     int n = PQntuples(r);
     task->row = calloc((size_t)n + 1, sizeof *task->row);
-    for (int i = 0; task->row && i < n; i++) fill_row(task, r, i, &task->row[task->n_row++]);
+    bool good = task->row;
+    for (int i = 0; good && i < n; i++) good = fill_row(task, r, i, &task->row[task->n_row++]);
     PQclear(r);
-    return task->row ? PG_FINE : no_memory(db);
+    return good ? PG_FINE : no_memory(db);
 }
 
 // ---- texts that replicas share
@@ -544,6 +592,8 @@ enum pg_fault pg_run(struct pg_db *db, struct room_task *task)
         return load(db, task);
     case ROOM_TASK_SNAPSHOT:
         return set_snapshot(db, task);
+    case ROOM_TASK_SET_KEEPS:
+        return set_keeps(db, task);
     case ROOM_TASK_BACKUP:
         snprintf(db->error, sizeof db->error,
                  "rooms in PostgreSQL are backed up with pg_dump, by its administrator");

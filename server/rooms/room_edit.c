@@ -23,6 +23,7 @@ struct edit {
     Relight__RoomEvent *event;
     struct room_summary summary;
     bool has_summary;
+    char *keeps;    // what the room needs from here on; NULL: as before
     uint8_t *bytes; // the packed event
     size_t n;
     uint64_t charged;
@@ -35,6 +36,7 @@ static void edit_free(struct edit *edit)
     if (edit->event) relight__room_event__free_unpacked(edit->event, NULL);
     summary_finish(&edit->summary);
     free(edit->bytes);
+    free(edit->keeps);
     memset(edit->secret, 0, sizeof edit->secret);
     free(edit);
 }
@@ -58,12 +60,19 @@ static bool charge(struct edit *edit, char error[ROOM_ERROR])
     struct room *room = edit->room;
     struct server *server = room->rooms->server;
     uint64_t bytes = edit->n + ROOM_EVENT_CHARGE;
+    const Relight__RoomClose *close = edit->event->action->close;
+    if (close && close->closed) { // a full disk is why a room is closed
+        disk_charge(server->ledger, room->owner, (int64_t)bytes);
+        edit->charged = bytes;
+        return true;
+    }
     enum ledger_refusal refusal = disk_take(server->ledger, room->owner, bytes, error);
     if (refusal == LEDGER_ALL_FULL) {
         evict_for_room(server, NULL);
         refusal = disk_take(server->ledger, room->owner, bytes, error);
     }
     if (refusal == LEDGER_GRANTED) edit->charged = bytes;
+    else evict_explain(server, refusal == LEDGER_CLIENT_FULL ? room->owner : NULL, error);
     return refusal == LEDGER_GRANTED;
 }
 
@@ -214,6 +223,7 @@ static void submit(struct edit *edit)
     t->bytes = edit->bytes;
     t->n = edit->n;
     t->summary = edit->has_summary ? &edit->summary : NULL;
+    t->keeps = edit->keeps;
     room->n_edit++;
     room->rooms->store->api->submit(room->rooms->store, t);
 }
@@ -245,7 +255,10 @@ static void begin(struct edit *edit)
     int code = room_fold(room->state, edit->event, error);
     edit->has_summary = !code && changes_summary(edit->event->action);
     summary_finish(&edit->summary);
-    if (edit->has_summary && !room_summarise(room->state, &edit->summary)) {
+    free(edit->keeps);
+    edit->keeps = NULL;
+    if ((edit->has_summary && !room_summarise(room->state, &edit->summary)) ||
+        (!code && !room_new_needs(room, edit->event, &edit->keeps))) {
         code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
         snprintf(error, sizeof error, "not enough memory");
     }

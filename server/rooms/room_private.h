@@ -42,6 +42,7 @@ struct rooms {
     bool reading_guests, guests_again, guests_missed;
     uint64_t tokens_version; /* shared_tokens.c; 0: none is known */
     bool reading_tokens, tokens_again;
+    bool reading_keeps, keeps_again;
 };
 
 /* Waits for a room to be in memory. */
@@ -110,9 +111,26 @@ struct room *room_add(struct rooms *rooms, const char *id);
 void room_write_snapshot(struct room *room);
 /* Puts a committed event into the tail, which takes the bytes. */
 void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_t n);
+/* The state of a snapshot, if there is one, and the events after it; NULL with the fault. */
+Relight__RoomState *room_fold_stored(const char *room, const struct room_task *task,
+                                     char error[ROOM_ERROR]);
 /* Puts a summary together; its arrays are freed by summary_finish. False without memory. */
 bool room_summarise(const Relight__RoomState *state, struct room_summary *out);
 void summary_finish(struct room_summary *summary);
+
+/* keeps.c */
+/* The models and uploads that a state needs, as holds_set takes them; NULL without memory. */
+char *room_needs(const Relight__RoomState *state);
+/* After the event was folded: holds what the room needs now. *out: that, to be written with the
+ * event and freed; NULL: it is as before. False without memory. */
+bool room_new_needs(const struct room *room, const Relight__RoomEvent *event, char **out);
+/* The state was read: the room needs what it says. Written where the store has something else,
+ * or always. */
+void room_set_needs(struct rooms *rooms, const Relight__RoomState *state, bool write);
+/* Reads what all rooms need; holds_known says later whether it could be read. */
+void rooms_read_keeps(struct rooms *rooms);
+/* Another replica, or this one, has changed what a room needs, or deleted it. */
+void room_keeps_changed(struct rooms *rooms, const char *room);
 
 /* room_call.c */
 typedef void (*with_room_fn)(struct request *request, struct room *room);

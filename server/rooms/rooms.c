@@ -6,6 +6,7 @@
 #include "core/log.h"
 #include "rooms/room_backup.h"
 #include "store/disk.h"
+#include "store/holds.h"
 
 #include "relight.pb-c.h"
 
@@ -174,15 +175,14 @@ void room_write_snapshot(struct room *room)
 
 // ---- reading a room
 
-// The state of a snapshot, if there is one that can be read, and the events after it.
-static Relight__RoomState *fold_stored(const struct room *room, const struct room_task *task,
-                                       char error[ROOM_ERROR])
+Relight__RoomState *room_fold_stored(const char *room, const struct room_task *task,
+                                     char error[ROOM_ERROR])
 {
     Relight__RoomState *state =
         task->snapshot ? relight__room_state__unpack(NULL, task->n_snapshot, task->snapshot)
-                       : room_state_new(room->id);
+                       : room_state_new(room);
     snprintf(error, ROOM_ERROR, "its snapshot is damaged");
-    if (!state || state->sequence != task->sequence || strcmp(state->room, room->id)) {
+    if (!state || state->sequence != task->sequence || strcmp(state->room, room)) {
         room_state_free(state);
         return NULL;
     }
@@ -215,7 +215,7 @@ static void tell_waiters(struct room *room, int code, const char *error)
 static void take_loaded(struct room *room, struct room_task *task)
 {
     char error[ROOM_ERROR];
-    room->state = fold_stored(room, task, error);
+    room->state = room_fold_stored(room->id, task, error);
     if (!room->state) {
         log_line(LOG_ERR, "room=%s: %s: restore the store from a backup", room->id, error);
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_INTERNAL,
@@ -226,6 +226,7 @@ static void take_loaded(struct room *room, struct room_task *task)
     room->snapshot = task->sequence;
     room->bytes = task->stored_bytes;
     snprintf(room->owner, sizeof room->owner, "%s", room->state->created->by);
+    room_set_needs(room->rooms, room->state, false);
     drop_tail(room); // its events may not be those of the store
     for (size_t i = task->n_event > ROOM_TAIL ? task->n_event - ROOM_TAIL : 0;
          i < task->n_event; i++) {
@@ -419,7 +420,16 @@ static void changed_elsewhere(void *user, const struct room_change *change)
     for (int i = 0; change->all && i < ROOMS_HASH; i++)
         for (room = rooms->hash[i]; room; room = room->next) reread(room, UINT64_MAX);
     if (change->all || change->summary) refresh_guests(rooms);
+    if (change->all) rooms_read_keeps(rooms);
+    else if (change->keeps) room_keeps_changed(rooms, change->room);
     if (change->tokens) tokens_changed(rooms);
+}
+
+static int read_keeps_at_start(struct rooms *rooms)
+{
+    rooms_read_keeps(rooms);
+    while (rooms->reading_keeps) loop_turn(rooms->server->loop, -1);
+    return holds_known(rooms->server->holds) ? 0 : -1;
 }
 
 int rooms_create(struct server *server, struct rooms **out)
@@ -439,7 +449,8 @@ int rooms_create(struct server *server, struct rooms **out)
     }
     rooms->server = server;
     *out = rooms;
-    if (read_guests(rooms) || charge_owners(rooms) || tokens_share(rooms)) {
+    if (read_guests(rooms) || charge_owners(rooms) || read_keeps_at_start(rooms) ||
+        tokens_share(rooms)) {
         log_line(LOG_ERR, "rooms %s could not be read", option);
         return -1;
     }
@@ -490,6 +501,7 @@ static void purged(struct room_task *task)
         disk_charge(rooms->server->ledger, row->by, -(int64_t)row->bytes);
         give_back_room(rooms->server, row->by);
         guests_replace(&rooms->guests, row->room, NULL, 0);
+        holds_set(rooms->server->holds, row->room, "");
         if (!room) continue;
         room_spoil(room);
         room_reload_if_idle(room); // to find that it is gone
@@ -501,13 +513,14 @@ static void purged(struct room_task *task)
 void rooms_maintain(struct rooms *rooms)
 {
     double keep_s = rooms->server->options.rooms_keep;
+    if (!holds_known(rooms->server->holds)) rooms_read_keeps(rooms);
     struct purge *purge = keep_s > 0 ? calloc(1, sizeof *purge) : NULL;
     struct timespec now;
     if (!purge) return;
     struct room_task *task = &purge->task;
     purge->rooms = rooms;
     clock_gettime(CLOCK_REALTIME, &now);
-    double before_us = ((double)now.tv_sec - keep_s) * 1e6;
+    double before_us = ((double)now.tv_sec - keep_s) * 1e6 + 1e-3 * (double)now.tv_nsec;
     task->kind = ROOM_TASK_PURGE;
     task->time_us = before_us > 0 ? (uint64_t)before_us : 0;
     task->done = purged;

@@ -25,6 +25,8 @@ static const char *const steps[] = {
     " role INTEGER NOT NULL, expires_s INTEGER NOT NULL, PRIMARY KEY (room, id)) WITHOUT ROWID;"
     "UPDATE room SET bytes = (SELECT coalesce(sum(length(bytes)), 0) FROM event"
     " WHERE event.room = room.number);",
+    // 3: what a room needs of the disk (store/holds.h); NULL: its state has to be read once
+    "ALTER TABLE room ADD COLUMN keeps TEXT;",
 };
 _Static_assert(sizeof steps / sizeof *steps == SQLITE_SCHEMA_VERSION, "a step a version");
 

@@ -38,6 +38,8 @@ static const char *const sql[SQL_N] = {
     [SQL_OLD] = "SELECT id, name, owner, 0, sequence, created_us, changed_us, closed, bytes"
                 " FROM room WHERE closed AND changed_us < ?1",
     [SQL_OWNERS] = "SELECT owner, count(*), sum(bytes) FROM room GROUP BY owner",
+    [SQL_KEEPS] = "SELECT id, keeps FROM room WHERE ?1 IN ('', id)",
+    [SQL_SET_KEEPS] = "UPDATE room SET keeps=?2 WHERE number=?1",
 };
 
 // ---- opening
@@ -177,6 +179,14 @@ static int write_summary(struct sqlite_db *db, sqlite3_int64 room, const struct 
     return fault;
 }
 
+static int write_keeps(struct sqlite_db *db, sqlite3_int64 room, const char *keeps)
+{
+    sqlite3_stmt *s = use(db, SQL_SET_KEEPS);
+    sqlite3_bind_int64(s, 1, room);
+    bind_text(s, 2, keeps);
+    return execute(db, s);
+}
+
 static int add_room(struct sqlite_db *db, const struct room_task *task, sqlite3_int64 *number)
 {
     sqlite3_stmt *s = use(db, SQL_ADD_ROOM);
@@ -221,6 +231,7 @@ int sqlite_append(struct sqlite_db *db, struct room_task *task)
     sqlite3_bind_blob64(s, 3, task->bytes, task->n, SQLITE_STATIC);
     fault = execute(db, s);
     if (!fault && task->summary) fault = write_summary(db, place.number, task->summary);
+    if (!fault && task->keeps) fault = write_keeps(db, place.number, task->keeps);
     return fault;
 }
 
@@ -322,6 +333,16 @@ static int set_snapshot(struct sqlite_db *db, struct room_task *task)
     return execute(db, s);
 }
 
+static int set_keeps(struct sqlite_db *db, struct room_task *task)
+{
+    struct room_place place;
+    int fault = find_room(db, task->room, &place);
+    if (!fault && place.number && place.sequence == task->sequence)
+        return write_keeps(db, place.number, task->keeps);
+    task->status = ROOM_TASK_CONFLICT;
+    return fault;
+}
+
 // ---- rows
 
 static void copy_column(sqlite3_stmt *s, int column, char *out, size_t n)
@@ -335,22 +356,27 @@ static uint64_t number_column(sqlite3_stmt *s, int column)
     return (uint64_t)sqlite3_column_int64(s, column);
 }
 
-static void fill_row(const struct room_task *task, sqlite3_stmt *s, struct room_row *row)
+// False without memory.
+static bool fill_row(const struct room_task *task, sqlite3_stmt *s, struct room_row *row)
 {
     *row = (struct room_row){0};
     if (task->kind == ROOM_TASK_OWNERS) {
         copy_column(s, 0, row->by, sizeof row->by);
         row->sequence = number_column(s, 1); // number of rooms
         row->bytes = number_column(s, 2);
-        return;
+        return true;
     }
     copy_column(s, 0, row->room, sizeof row->room);
+    if (task->kind == ROOM_TASK_KEEPS) {
+        const char *text = (const char *)sqlite3_column_text(s, 1);
+        return !text || (row->keeps = strdup(text));
+    }
     if (task->kind == ROOM_TASK_INVITES) {
         copy_column(s, 1, row->by, sizeof row->by);
         copy_column(s, 2, row->hash, sizeof row->hash);
         row->role = sqlite3_column_int(s, 3);
         row->expires_s = number_column(s, 4);
-        return;
+        return true;
     }
     copy_column(s, 1, row->name, sizeof row->name);
     copy_column(s, 2, row->by, sizeof row->by);
@@ -360,6 +386,7 @@ static void fill_row(const struct room_task *task, sqlite3_stmt *s, struct room_
     row->changed_us = number_column(s, 6);
     row->closed = sqlite3_column_int(s, 7);
     row->bytes = number_column(s, 8);
+    return true;
 }
 
 static int read_rows(struct sqlite_db *db, struct room_task *task, enum sqlite_statement which)
@@ -372,6 +399,8 @@ static int read_rows(struct sqlite_db *db, struct room_task *task, enum sqlite_s
         bind_number(s, 2, task->most);
     } else if (which == SQL_OLD) {
         bind_number(s, 1, task->time_us);
+    } else if (which == SQL_KEEPS) {
+        bind_text(s, 1, task->room);
     }
     while ((code = sqlite3_step(s)) == SQLITE_ROW) {
         if (task->n_row == room_for) {
@@ -383,7 +412,9 @@ static int read_rows(struct sqlite_db *db, struct room_task *task, enum sqlite_s
             }
             task->row = more;
         }
-        fill_row(task, s, &task->row[task->n_row++]);
+        if (fill_row(task, s, &task->row[task->n_row++])) continue;
+        fault = no_memory(db);
+        break;
     }
     if (!fault) fault = fault_of(db, code);
     sqlite3_reset(s);
@@ -446,6 +477,12 @@ void sqlite_run(struct sqlite_db *db, struct room_task *task)
         break;
     case ROOM_TASK_OWNERS:
         fault = read_rows(db, task, SQL_OWNERS);
+        break;
+    case ROOM_TASK_KEEPS:
+        fault = read_rows(db, task, SQL_KEEPS);
+        break;
+    case ROOM_TASK_SET_KEEPS:
+        fault = set_keeps(db, task);
         break;
     case ROOM_TASK_PURGE:
         fault = purge(db, task);

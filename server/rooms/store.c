@@ -9,6 +9,7 @@
 void room_task_finish(struct room_task *task)
 {
     for (size_t i = 0; i < task->n_event; i++) free(task->event[i].bytes);
+    for (size_t i = 0; i < task->n_row; i++) free(task->row[i].keeps);
     free(task->event);
     free(task->snapshot);
     free(task->row);

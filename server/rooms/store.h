@@ -25,15 +25,17 @@ enum room_task_status {
 };
 
 enum room_task_kind {
-    ROOM_TASK_LOAD,     /* out: snapshot, its sequence, the events after it, bytes */
-    ROOM_TASK_APPEND,   /* one event, and the summary where it changed */
-    ROOM_TASK_SNAPSHOT, /* replaces the room's snapshot; ignored when it is not of the log */
-    ROOM_TASK_EVENTS,   /* out: events after `sequence`, up to `most` bytes */
-    ROOM_TASK_LIST,     /* out: rooms of a principal, or all of them */
-    ROOM_TASK_INVITES,  /* out: the invitations in force of all rooms */
-    ROOM_TASK_OWNERS,   /* out: owners and what their rooms take, for the ledger */
-    ROOM_TASK_PURGE,    /* deletes rooms that were closed before `time_us`; out: them */
-    ROOM_TASK_BACKUP,   /* copies the store to `path` while it is used */
+    ROOM_TASK_LOAD,      /* out: snapshot, its sequence, the events after it, bytes */
+    ROOM_TASK_APPEND,    /* one event, and the summary where it changed */
+    ROOM_TASK_SNAPSHOT,  /* replaces the room's snapshot; ignored when it is not of the log */
+    ROOM_TASK_EVENTS,    /* out: events after `sequence`, up to `most` bytes */
+    ROOM_TASK_LIST,      /* out: rooms of a principal, or all of them */
+    ROOM_TASK_INVITES,   /* out: the invitations in force of all rooms */
+    ROOM_TASK_OWNERS,    /* out: owners and what their rooms take, for the ledger */
+    ROOM_TASK_KEEPS,     /* out: what each room needs of the disk; `room` not "": of that one */
+    ROOM_TASK_SET_KEEPS, /* CONFLICT unless `sequence` is the room's */
+    ROOM_TASK_PURGE,     /* deletes rooms that were closed before `time_us`; out: them */
+    ROOM_TASK_BACKUP,    /* copies the store to `path` while it is used */
     /* A text that replicas share, by its name `path`; a store of one process has none. */
     ROOM_TASK_TEXT, /* out: snapshot, and its version in `sequence`; MISSING: there is none */
     ROOM_TASK_SET_TEXT, /* CONFLICT unless `sequence` is the version (0: none), which grows by 1
@@ -61,12 +63,14 @@ struct room_summary {
         uint64_t expires_s;
     } * invite; /* those that were not revoked */
 };
-/* A row of LIST, INVITES, OWNERS (by: owner, sequence: number of rooms) or PURGE. */
+/* A row of LIST, INVITES, KEEPS, OWNERS (by: owner, sequence: number of rooms) or PURGE. */
 struct room_row {
     char room[40], name[128], by[96], hash[65]; /* by: of OWNERS the owner, of INVITES the id */
     int role;
     bool closed;
     uint64_t sequence, created_us, changed_us, bytes, expires_s;
+    char
+        *keeps; /* of KEEPS, as holds_set takes them; NULL: an earlier version wrote the room */
 };
 
 /* An operation, embedded in its owner, which keeps it and what it points to until `done`. */
@@ -81,6 +85,7 @@ struct room_task {
     const uint8_t *bytes;       /* APPEND, SNAPSHOT */
     size_t n;
     const struct room_summary *summary; /* APPEND; NULL: as it was */
+    const char *keeps;                  /* APPEND, SET_KEEPS: see holds_set; NULL: as it was */
     /* Out, freed by room_task_finish. */
     uint8_t *snapshot;
     size_t n_snapshot;
@@ -108,6 +113,7 @@ struct room_change {
     char room[40];
     uint64_t sequence;
     bool summary; /* who may enter it has changed, too */
+    bool keeps;   /* what it needs has changed, or the room is gone */
     bool all;     /* changes were missed: any room, any summary */
     bool tokens;  /* the list of tokens */
 };

@@ -126,12 +126,14 @@ static void take_notification(struct pg_store *s, const PGnotify *n)
 {
     struct room_change change = {0};
     unsigned long long sequence = 0;
-    char who = 0;
+    char what[2] = {0};
     if (!strcmp(n->relname, "relight_tokens")) {
         change.tokens = true;
-    } else if (sscanf(n->extra, "%39s %llu %c", change.room, &sequence, &who) >= 2) {
+    } else if (sscanf(n->extra, "%39s %llu %c %c", change.room, &sequence, &what[0],
+                      &what[1]) >= 2) {
         change.sequence = sequence;
-        change.summary = who == 's';
+        change.summary = what[0] == 's';
+        change.keeps = what[0] == 'k' || what[1] == 'k';
     } else {
         return;
     }

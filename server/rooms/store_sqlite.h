@@ -24,6 +24,8 @@ enum sqlite_statement {
     SQL_LIST,
     SQL_INVITES,
     SQL_OWNERS,
+    SQL_KEEPS,
+    SQL_SET_KEEPS,
     SQL_OLD,
     SQL_N
 };

@@ -78,7 +78,7 @@ int blob_adopt(struct blobs *blobs, const char *hash, uint64_t size);
 void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal,
                    const char *name, bool write);
 /* Removes the blob that was unused longest, of this owner (NULL: of any), unless it was used in
- * the last keep_s. False when there is none. */
+ * the last keep_s or a room needs it. False when there is none. */
 bool blob_evict(struct blobs *blobs, const char *owner);
 /* Takes a file of the store its name at once; a worker removes it. */
 void blob_discard(struct blobs *blobs, const char *name);

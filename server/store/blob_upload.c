@@ -187,6 +187,7 @@ static bool take(struct blobs *blobs, struct principal *principal,
         struct principal *whose = refusal == LEDGER_CLIENT_FULL ? principal : NULL;
         if (drop_idle(blobs, whose)) continue;
         if (resource == LEDGER_DISK && blob_evict(blobs, whose ? whose->name : NULL)) continue;
+        put->no_room = resource == LEDGER_DISK;
         return false;
     }
 }

@@ -210,6 +210,21 @@ void blob_remove(struct blobs *blobs, struct blob *b)
     free_blob(b);
 }
 
+// One that replicas share comes back from there.
+static bool is_held(const struct blobs *blobs, const struct blob *b)
+{
+    return !object_store_shared(blobs->setup.objects) && holds_has(blobs->setup.holds, b->hash);
+}
+
+uint64_t blobs_held(const struct blobs *blobs, const char *owner)
+{
+    uint64_t bytes = 0;
+    for (const struct blob *b = blobs->lru.oldest; b; b = b->link[LRU_ALL].newer)
+        if ((!owner || !strcmp(b->owner->name, owner)) && is_held(blobs, b))
+            bytes += b->charged;
+    return bytes;
+}
+
 bool blob_evict(struct blobs *blobs, const char *owner)
 {
     struct blob_owner *o = blobs->owners;
@@ -217,7 +232,7 @@ bool blob_evict(struct blobs *blobs, const char *owner)
     if (owner && !o) return false;
     int list = owner ? LRU_OWNER : LRU_ALL;
     struct blob *b = owner ? o->lru.oldest : blobs->lru.oldest;
-    while (b && b->checking) b = b->link[list].newer;
+    while (b && (b->checking || is_held(blobs, b))) b = b->link[list].newer;
     uint64_t now = blob_clock_ns();
     if (!b || b->used_ns + (uint64_t)(blobs->setup.keep_s * 1e9) > now) return false;
     log_line(LOG_EVENT, "blob hash=%.12s owner=\"%s\" dropped for room", b->hash,

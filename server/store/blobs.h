@@ -9,6 +9,7 @@
 
 #include "core/ledger.h"
 #include "core/work.h"
+#include "store/holds.h"
 #include "store/object_store.h"
 
 #include <stdbool.h>
@@ -24,6 +25,7 @@ struct blobs_setup {
     uint64_t max_blob;            /* bytes of the largest upload */
     struct ledger *ledger;        /* must outlive the store, as must the pool */
     struct object_store *objects; /* what replicas share: must outlive it; NULL: nothing */
+    struct holds *holds;          /* what rooms need; NULL: nothing */
     struct work_pool *work;       /* nothing of the store may be under way when it is closed */
     double keep_s;                /* a blob that was used so recently is not evicted */
     double idle_s;                /* an upload that got no byte for so long is dropped */
@@ -36,6 +38,9 @@ void blobs_close(struct blobs *blobs);
 
 /* Whether a blob of this name is there. Its bytes may not have been checked since the start. */
 bool blobs_has(const struct blobs *blobs, const char *hash);
+
+/* Bytes on the disk of blobs that rooms need, of this owner or (NULL) of all. */
+uint64_t blobs_held(const struct blobs *blobs, const char *owner);
 
 /* A blob that was there at the start is hashed before its first use. blobs_check calls `wake`
  * when that is done, at once when it was done before; blobs_has then says whether the blob is
@@ -107,6 +112,7 @@ struct blob_put {
 
     int code;       /* the protocol's error code, 0: none; error is its text */
     bool own_limit; /* the limit is the principal's, not that of all */
+    bool no_room;   /* what is on the disk stays there */
     char error[256];
     uint64_t received; /* bytes that are there, from the start */
     bool complete;     /* the blob is there and has its hash */

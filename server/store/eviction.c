@@ -5,6 +5,7 @@
 #include "core/log.h"
 #include "relight.pb-c.h"
 #include "store/disk.h"
+#include "store/holds.h"
 #include "store/model_files.h"
 
 #include <stdio.h>
@@ -43,9 +44,46 @@ static bool goes_before(const struct victim *a, const struct victim *b)
     return a->used_ns < b->used_ns;
 }
 
+// A room needs it, and no other replica has it.
+static bool is_held(const struct model *m)
+{
+    const struct server *server = m->server;
+    bool shared = m->recorded && object_store_shared(server->objects);
+    return !shared && holds_has(server->holds, m->id);
+}
+
+// The copy of a .prt of --models whose model a room needs: the file may have other content by
+// now.
+static bool copy_is_held(const struct server *server, const struct import_copy *copy)
+{
+    for (struct model *m = NULL; (m = models_next(server->models, m));)
+        if (m->copy == copy && is_held(m)) return true;
+    return false;
+}
+
+uint64_t evict_held(const struct server *server, const char *owner)
+{
+    uint64_t bytes = blobs_held(server->blobs, owner);
+    for (struct model *m = NULL; (m = models_next(server->models, m));)
+        if ((!owner || !strcmp(m->owner, owner)) && is_held(m))
+            bytes += m->bake_bytes + m->preview_bytes;
+    return bytes;
+}
+
+void evict_explain(const struct server *server, const char *owner, char error[256])
+{
+    uint64_t bytes = evict_held(server, owner);
+    size_t n = strlen(error);
+    if (!bytes) return;
+    snprintf(error + n, 256 - n,
+             "; review rooms need %llu bytes of it: close rooms that are over (--rooms-keep "
+             "deletes them later), or raise the limit",
+             (unsigned long long)bytes);
+}
+
 static bool may_go(const struct model *m, enum kind kind, bool busy)
 {
-    if (m->pinned || m->preparing || (m->users > 1 && !busy)) return false;
+    if (m->pinned || m->preparing || is_held(m) || (m->users > 1 && !busy)) return false;
     if (kind == BAKE)
         return !m->copy && m->bake_bytes && m->state == RELIGHT__MODEL_STATE__MODEL_READY;
     return kind == PREVIEW && m->preview_bytes && m->mesh == MESH_THERE &&
@@ -69,7 +107,9 @@ static bool find(const struct server *server, enum kind kind, const char *owner,
         struct import_copy *c = NULL;
         while ((c = imports_next(server->imports, c))) {
             struct victim v = {.copy = c, .used_ns = c->used_ns};
-            if (!c->present || c->users || (owner && strcmp(c->owner, owner))) continue;
+            if (!c->present || c->users || (owner && strcmp(c->owner, owner)) ||
+                copy_is_held(server, c))
+                continue;
             if (!found || goes_before(&v, best)) *best = v;
             found = true;
         }
@@ -174,5 +214,6 @@ bool evict_over(const struct server *server, const char *owner, char error[256])
         snprintf(error, 256, "the disk budget of %llu bytes is spent (--disk)",
                  (unsigned long long)o->disk);
     else return false;
+    evict_explain(server, most && mine > most ? owner : NULL, error);
     return true;
 }

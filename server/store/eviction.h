@@ -14,13 +14,18 @@ struct server;
 struct model;
 
 uint64_t bakes_bytes(const struct server *server);
-/* Removes files until the budgets are kept. Kept are pinned models, files that somebody reads
- * (unless nothing else is left), and those of `newest` (may be NULL). */
+/* Removes files until the budgets are kept. Kept are pinned models, what rooms need, files that
+ * somebody reads (unless nothing else is left), and those of `newest` (may be NULL). */
 void evict_for_room(struct server *server, const struct model *newest);
 /* The same before an upload of so many bytes. */
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
 /* Forgets the preview that is longest unused, of this owner or (NULL) of all; false: none. */
 bool evict_preview(struct server *server, const char *owner);
+/* Bytes of files that stay because rooms need them (holds.h), of this owner or (NULL) of all.
+ */
+uint64_t evict_held(const struct server *server, const char *owner);
+/* Adds to an error about spent disk space that rooms hold some of it, and what to do. */
+void evict_explain(const struct server *server, const char *owner, char error[256]);
 /* Whether more is held than allowed, by this owner or in all; error says which limit it is. */
 bool evict_over(const struct server *server, const char *owner, char error[256]);
 

@@ -255,6 +255,68 @@ static void lists_and_closed_rooms(void **state)
     store->api->close(store);
 }
 
+// ---- what rooms need of the disk
+
+static const char needs[] = "\nabc\ndef\n";
+
+// NULL: the store does not know it. Else the text, to free().
+static char *needed(size_t n_row)
+{
+    struct room_task read = {.kind = ROOM_TASK_KEEPS};
+    strcpy(read.room, id);
+    run(&read);
+    assert_int_equal(read.status, ROOM_TASK_DONE);
+    assert_int_equal(read.n_row, n_row);
+    char *text = n_row && read.row[0].keeps ? strdup(read.row[0].keeps) : NULL;
+    room_task_finish(&read);
+    return text;
+}
+
+static void needs_are(const char *text)
+{
+    char *there = needed(1);
+    assert_non_null(there);
+    assert_string_equal(there, text);
+    free(there);
+}
+
+static void needs_are_written_with_the_event(void **state)
+{
+    open_store();
+    struct room_task add = append_task(1), next = append_task(2), twice = append_task(2);
+    run(&add);
+    assert_null(needed(1)); // as a room of an earlier version
+    struct room_task set = {.kind = ROOM_TASK_SET_KEEPS, .sequence = 1, .keeps = ""};
+    strcpy(set.room, id);
+    run(&set);
+    assert_int_equal(set.status, ROOM_TASK_DONE);
+    needs_are("");
+    next.keeps = needs;
+    run(&next);
+    needs_are(needs);
+    twice.keeps = "\nother\n"; // refused with its event
+    run(&twice);
+    assert_int_equal(twice.status, ROOM_TASK_CONFLICT);
+    set.keeps = "\nold\n"; // of a state that has grown since
+    run(&set);
+    assert_int_equal(set.status, ROOM_TASK_CONFLICT);
+    needs_are(needs);
+    struct room_task all = {.kind = ROOM_TASK_KEEPS};
+    run(&all);
+    assert_int_equal(all.n_row, 1);
+    assert_string_equal(all.row[0].room, id);
+    room_task_finish(&all);
+    struct room_summary summary = {.name = "ann's", .owner = "token:ann", .closed = true};
+    struct room_task close = append_task(3), purge = {.kind = ROOM_TASK_PURGE, .time_us = 6};
+    close.summary = &summary;
+    run(&close);
+    run(&purge);
+    assert_int_equal(purge.n_row, 1);
+    room_task_finish(&purge);
+    assert_null(needed(0));
+    store->api->close(store);
+}
+
 // ---- several replicas on one database
 
 static struct room_change heard[16];
@@ -305,12 +367,26 @@ static void another_replica_hears(void **state)
     store = mine;
     struct room_task add = append_task(1), next = append_task(2), late = append_task(2);
     add.summary = &summary;
+    add.keeps = needs;
     run(&add), run(&next);
     for (int i = 0; i < 100 && n_heard < 2; i++) loop_turn(loop, 20);
     assert_int_equal(n_heard, 2);
     assert_string_equal(heard[0].room, id);
     assert_true(heard[0].summary && !heard[1].summary);
+    assert_true(heard[0].keeps && !heard[1].keeps);
     assert_int_equal(heard[1].sequence, 2);
+    // A room that is deleted is heard of, too.
+    struct room_summary closed = {.name = "gone", .owner = "token:ann", .closed = true};
+    struct room_task gone = append_task(1), purge = {.kind = ROOM_TASK_PURGE, .time_us = 6};
+    gone.room[0] = 'f';
+    gone.summary = &closed;
+    run(&gone), run(&purge);
+    assert_int_equal(purge.n_row, 1);
+    room_task_finish(&purge);
+    for (int i = 0; i < 100 && n_heard < 4; i++) loop_turn(loop, 20);
+    assert_int_equal(n_heard, 4);
+    assert_string_equal(heard[3].room, gone.room);
+    assert_true(heard[3].keeps && !heard[3].summary);
     // The other supposes a log that has grown meanwhile.
     store = other;
     static const uint8_t bytes[5] = "other";
@@ -383,6 +459,7 @@ int main(void)
         const struct CMUnitTest tests[] = {
             cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
             cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+            cmocka_unit_test_setup_teardown(needs_are_written_with_the_event, setup, teardown),
             cmocka_unit_test_setup_teardown(another_replica_hears, setup, teardown),
             cmocka_unit_test_setup_teardown(connections_are_lost, setup, teardown),
             cmocka_unit_test_setup_teardown(the_database_is_away, setup, teardown),
@@ -396,6 +473,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(other_files_are_refused, setup, teardown),
         cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
         cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+        cmocka_unit_test_setup_teardown(needs_are_written_with_the_event, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
