@@ -9,6 +9,7 @@
 #include "net/request.h"
 #include "render/shared/poses.h"
 #include "rooms/rooms.h"
+#include "store/holds.h"
 #include "store/models.h"
 
 #include <stdio.h>
@@ -229,6 +230,7 @@ bool rooms_start(const struct rooms_settings *settings)
     if (!(server.ledger = ledger_create(o)) || events_create(64, &server.events) ||
         access_create(o, NULL, &server.access, fault) || loop_create(&server.loop) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+        !(server.holds = holds_create()) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, settings->threads, prt_cpu_detect(), &server.work) ||
@@ -259,6 +261,7 @@ void rooms_stop(void)
     access_destroy(server.access);
     events_destroy(server.events);
     loop_destroy(server.loop);
+    holds_destroy(server.holds);
 }
 
 void rooms_turn(int ms)
