@@ -280,10 +280,20 @@ export function forgetRoom(): void {
   cameraWaits = false;
 }
 
+// Not at every change of `state`: what others changed is shown by showParts, and until then it
+// would be taken for this person's hand.
 effect(() => {
   void scene.value;
   void info.value;
   void status.value.mode;
+  void alone.value;
+  void apart.value;
+  void mayReview.value;
+  void follows.value;
+  untracked(shareScene);
+});
+
+function shareScene(): void {
   if (cameraWaits && viewer?.framed) {
     const before = shared;
     shared = null;
@@ -291,4 +301,4 @@ effect(() => {
     shared = before ? sceneNow() : null;
   }
   share();
-});
+}
