@@ -15,8 +15,12 @@ struct support {
     uint16_t *row;              /* [n][n_function][n_texel] halves; a factor is in scale */
     float *scale;               /* [n] */
 };
+/* Texels across a face of the light that supports are traced with: the least of a bake. */
+enum { SUPPORT_LIGHT = 16 };
+
 /* Spreads at most `most` supports evenly over the vertices of translucent clusters that scatter
- * singly, and makes room for their rows. PRT_NOMEM. */
+ * singly, and makes room for their rows; light: at most SUPPORT_LIGHT, and divides it.
+ * PRT_NOMEM. */
 int prt_support_create(const struct bake *b, uint32_t most, uint32_t n_function, uint32_t light,
                        struct support **out);
 void prt_support_destroy(struct support *s);

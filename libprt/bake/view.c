@@ -21,9 +21,8 @@ int prt_bake_view(struct bake *b, const struct extinction_table *extinction,
                   uint32_t n_training)
 {
     const uint32_t n_base = extinction ? extinction->n_function : 3;
-    const uint32_t across = b->o.cube < light_across ? b->o.cube : light_across;
     struct support *s;
-    int status = prt_support_create(b, most_supports, VIEW_PLANES * n_base, across, &s);
+    int status = prt_support_create(b, most_supports, VIEW_PLANES * n_base, light_across, &s);
     if (status) return status;
     struct tensor_job job = {.bake = b,
                              .term = PRT_TERM_VIEW,
@@ -46,7 +45,7 @@ int prt_bake_draft_single(struct tensor_job *job, const struct extinction_table 
 {
     struct bake *b = job->bake;
     struct support *s;
-    int status = prt_support_create(b, draft_supports, job->n_function, b->o.cube, &s);
+    int status = prt_support_create(b, draft_supports, job->n_function, SUPPORT_LIGHT, &s);
     if (status) return status;
     job->range = prt_support_range;
     job->user = s;

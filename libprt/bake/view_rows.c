@@ -10,9 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_BASE = 16 };                 // planes of -n_o
-static const uint32_t traced_light = 16; // texels across a face
-static const uint32_t nodes = 5;         // depths of a path
+enum { MOST_BASE = 16 };         // planes of -n_o
+static const uint32_t nodes = 5; // depths of a path
 
 struct view_bake {
     struct bake *b;
@@ -288,7 +287,7 @@ static int trace(struct bake *b, const struct extinction_table *extinction, cons
                  prt_loop_fn range, bool whole_phase, struct support *s)
 {
     struct view_bake v = {.b = b, .s = s, .n_base = extinction ? extinction->n_function : 3};
-    const uint32_t light = b->o.cube < traced_light ? b->o.cube : traced_light;
+    const uint32_t light = SUPPORT_LIGHT;
     int status = prt_directions_create(b->ctx->cpu, light, prt_bake_patterns(&b->o), b->o.seed,
                                        &v.directions);
     v.axis = prt_calloc(b->o.media.n, sizeof *v.axis);
