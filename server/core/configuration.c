@@ -140,6 +140,15 @@ int configuration_check(const struct options *options, char fault[256])
     return options->token_file[0] ? token_read(options->token_file, token, fault) : 0;
 }
 
+const char *configuration_advice(const struct options *options)
+{
+    bool embedded = !options->rooms[0] || !strncmp(options->rooms, "sqlite:", 7);
+    if (options->store[0] && embedded)
+        return "--store with rooms in SQLite: other relightd of this folder do not see these "
+               "rooms; where there are several, use --rooms postgresql://[USER@]HOST/DATABASE";
+    return NULL;
+}
+
 static unsigned n_taken, n_waiting;
 
 static void tell_change(const char *word, const char *value, bool taken)

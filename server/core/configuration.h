@@ -9,6 +9,8 @@
 /* Checks that folders and files exist, addresses resolve and words are known. 0, or -1 with the
  * error's text in fault. Binds and creates nothing. */
 int configuration_check(const struct options *options, char fault[256]);
+/* What is allowed and seldom meant. The text, which is static, or NULL. */
+const char *configuration_advice(const struct options *options);
 
 /* Reads configuration, command line and token file again, applies the options that may change,
  * and logs each change and each option that needs a restart. A faulty configuration changes

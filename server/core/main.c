@@ -193,9 +193,13 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
 static int check_all(void)
 {
     char fault[256];
-    if (!configuration_check(&server.options, fault)) return 0;
-    log_line(LOG_ERR, "%s", fault);
-    return -1;
+    const char *advice = configuration_advice(&server.options);
+    if (configuration_check(&server.options, fault)) {
+        log_line(LOG_ERR, "%s", fault);
+        return -1;
+    }
+    if (advice) log_line(LOG_WARN, "%s", advice);
+    return 0;
 }
 
 static int open_tls(void)
@@ -414,6 +418,8 @@ static int print_check(void)
         fprintf(stderr, "relightd: %s\n", fault);
         return 2;
     }
+    const char *advice = configuration_advice(&server.options);
+    if (advice) fprintf(stderr, "relightd: %s\n", advice);
     printf("relightd: the configuration is fine\n");
     return 0;
 }

@@ -87,10 +87,10 @@ struct server {
      * another replica changed it first). NULL: this daemon's list is its own. */
     void (*write_tokens)(struct server *server, const char *text,
                          void (*done)(void *user, int fault), void *user);
-    /* Calls run(request) once the uploads and the model that the request names are here, which
-     * other replicas may have. ordered: in the order of the connection's requests about views.
-     * NULL: one machine. */
-    void (*fetch_then)(struct request *request, bool ordered,
+    /* Calls run(request) once the uploads and the model that the message names are here, which
+     * other replicas may have; the message is not kept. ordered: in the order of the
+     * connection's requests about views. NULL: one machine. */
+    void (*fetch_then)(struct request *request, const ProtobufCMessage *message, bool ordered,
                        void (*run)(struct request *request));
     /* The connection closes: its requests wait for other replicas no longer. */
     void (*fetch_drop)(struct connection *conn);

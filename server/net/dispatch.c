@@ -236,7 +236,8 @@ static void fetched_then(struct request *request, const struct operation *operat
 {
     struct server *server = request->server;
     if (server->fetch_then && request->conn->greeted)
-        server->fetch_then(request, operation->flags & OPERATION_ORDERED, resolve_materials);
+        server->fetch_then(request, request->message, operation->flags & OPERATION_ORDERED,
+                           resolve_materials);
     else resolve_materials(request);
 }
 

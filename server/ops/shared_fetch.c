@@ -140,12 +140,12 @@ static void hold_back(struct request *request, const struct needs *needs, bool o
     one_came(w);
 }
 
-void shared_fetch_then(struct request *request, bool ordered,
+void shared_fetch_then(struct request *request, const ProtobufCMessage *message, bool ordered,
                        void (*run)(struct request *request))
 {
     struct needs needs = {.server = request->server, .asker = request->conn->principal->name};
     bool chunk = request->type == RELIGHT_TYPE_PUT_BLOB && request->payload_size;
-    if (!chunk) message_names(request->message, need, &needs);
+    if (!chunk) message_names(message, need, &needs);
     bool wait = needs.n_blob || needs.model || (ordered && request->conn->fetches);
     struct shared_wait *w = wait ? calloc(1, sizeof *w + needs.n_blob * sizeof *w->blob) : NULL;
     if (!w) { // without memory the operation says what is missing

@@ -54,7 +54,10 @@ struct look {
     struct work work; // first
     double keep_s;    // of --store-keep; and when to remove again what nobody uses
     uint64_t collect_ns, n_collected;
-    char *held; // lines: what rooms need; NULL: not known, or not wanted now
+    char *held;  // lines: what rooms need; NULL: not known, or not wanted now
+    char *fresh; // lines: what they need since the last look; NULL: nothing
+    int keep_err;
+    const struct server *server; // its folders
     struct object_store *objects;
     struct object_claim *alive; // tells others that this replica lives
     struct object_watch alive_watch, collect_watch;
@@ -126,14 +129,30 @@ static void say_alive(struct look *look)
                                 &look->alive);
 }
 
-// What rooms need counts as used, so that it stays, whichever replica removes the rest.
-static void use_held(const struct look *look)
+// What a room needs counts as used, so that it stays, whichever replica removes the rest. What
+// was removed before it was needed is put again from this replica's own file.
+static void keep_one(struct look *look, const char *name)
 {
-    uint64_t bytes;
-    for (char *line = look->held, *end; (end = strchr(line, '\n')); line = end + 1) {
+    char path[PATH_MAX], owner[PATH_MAX + 8];
+    int err;
+    if (strlen(name) == MODEL_ID) {
+        model_bake_path(look->server, name, path);
+        err = object_put(look->objects, OBJECT_BAKE, name, path);
+    } else {
+        blobs_path(look->server->blobs, name, path, sizeof path);
+        snprintf(owner, sizeof owner, "%s.owner", path);
+        err = object_put(look->objects, OBJECT_BLOB, name, path);
+        if (!err) (void)object_put(look->objects, OBJECT_OWNER, name, owner);
+    }
+    // Not here either, or a file of --models, which has a name of its own.
+    if (err && err != -ENOENT && err != -EINVAL) look->keep_err = err;
+}
+
+static void keep_all(struct look *look, char *lines)
+{
+    for (char *line = lines, *end; line && (end = strchr(line, '\n')); line = end + 1) {
         *end = 0;
-        for (int kind = 0; kind < OBJECT_RECORD; kind++)
-            (void)object_find(look->objects, (enum object_kind)kind, line, &bytes);
+        keep_one(look, line);
     }
 }
 
@@ -145,7 +164,7 @@ static void collect(struct look *look)
     uint64_t now = loop_now_ns();
     if (now < look->collect_ns || !look->held) return;
     look->collect_ns = now + 3600000000000u;
-    use_held(look);
+    keep_all(look, look->held);
     if (object_claim_take(look->objects, id, stale_s, &look->collect_watch, &claim)) return;
     (void)object_collect(look->objects, look->keep_s, &look->n_collected);
     object_claim_release(claim);
@@ -156,6 +175,7 @@ static int run_look(struct work *work, const struct prt_context *ctx)
     struct look *look = (struct look *)work;
     qsort(look->known, look->n_known, sizeof *look->known, by_id);
     say_alive(look);
+    keep_all(look, look->fresh);
     collect(look);
     look->err = object_list(look->objects, OBJECT_RECORD, list_one, look);
     for (size_t i = 0; i < look->n_peer; i++) {
@@ -485,7 +505,8 @@ static void forget_look(struct look *look)
     free(look->found);
     free(look->known);
     free(look->held);
-    look->held = NULL;
+    free(look->fresh);
+    look->held = look->fresh = NULL;
     look->found = look->known = NULL;
     look->n_found = look->room = look->n_known = 0;
 }
@@ -540,6 +561,10 @@ static void look_done(struct work *work)
         log_line(LOG_EVENT, "store removed=%llu objects that nobody uses",
                  (unsigned long long)look->n_collected);
     look->n_collected = 0;
+    if (look->keep_err)
+        log_line(LOG_WARN, "what rooms need cannot be kept in --store: %s",
+                 strerror(-look->keep_err));
+    look->keep_err = 0;
     if (!look->err) take_look(s);
     forget_look(look);
     serve_all(s);
@@ -573,6 +598,7 @@ static void begin_look(struct shared_models *s)
         look->known[look->n_known++].tag = r->tag;
     }
     if (loop_now_ns() >= look->collect_ns) look->held = holds_list(s->server->holds);
+    look->fresh = holds_take_fresh(s->server->holds);
     watch_peers(s);
     s->looking = true;
     s->n_look++;
@@ -597,6 +623,7 @@ int shared_models_create(struct server *server, struct shared_models **out)
     s->server = server;
     s->timer.fire = fire;
     s->look.objects = server->objects;
+    s->look.server = server;
     double keep_s = server->options.store_keep;
     s->look.keep_s = keep_s > 0 && keep_s < DAY_S ? DAY_S : keep_s;
     s->look.work.run = run_look;

@@ -46,7 +46,7 @@ struct model;
 void shared_models_forget_kin(struct shared_models *shared, const struct model *model);
 
 /* shared_fetch.c: server->fetch_then. */
-void shared_fetch_then(struct request *request, bool ordered,
+void shared_fetch_then(struct request *request, const ProtobufCMessage *message, bool ordered,
                        void (*run)(struct request *request));
 /* The connection closes: its requests wait no longer. */
 void shared_fetch_drop(struct connection *conn);

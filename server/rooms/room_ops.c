@@ -303,21 +303,39 @@ static void edit_seen(struct request *request, struct room *room, const Relight_
     room_edit(request, room, &action, caller_role(request, room));
 }
 
+// What a pin or a decision is about; NULL: the action is neither.
+static const Relight__Scene *scene_of(const Relight__RoomAction *action,
+                                      const struct room *room)
+{
+    const Relight__Scene *own = action->pin      ? action->pin->scene
+                                : action->decide ? action->decide->scene
+                                                 : NULL;
+    if (!action->pin && !action->decide) return NULL;
+    return own ? own : room->state->scene;
+}
+
+static void look_and_edit(struct request *request, struct room *room)
+{
+    find_seen(request, room, scene_of(MESSAGE(RoomEditRequest)->action, room), edit_seen);
+}
+
+static void edit_fetched(struct request *request)
+{
+    with_room(request, MESSAGE(RoomEditRequest)->room, look_and_edit);
+}
+
 static void edit(struct request *request, struct room *room)
 {
     const Relight__RoomAction *action = MESSAGE(RoomEditRequest)->action;
     int role = caller_role(request, room);
     bool reviews = role >= RELIGHT__ROOM_ROLE__ROLE_REVIEWER;
+    bool looks = action && (action->pin || action->decide) && reviews;
+    const Relight__Scene *scene = looks ? scene_of(action, room) : NULL;
     if (!action || action->start)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                      "the request has no action, or one that creates a room");
-    else if (action->pin && reviews)
-        find_seen(request, room, action->pin->scene ? action->pin->scene : room->state->scene,
-                  edit_seen);
-    else if (action->decide && reviews)
-        find_seen(request, room,
-                  action->decide->scene ? action->decide->scene : room->state->scene,
-                  edit_seen);
+    else if (scene) fetch_scene_then(request, &scene->base, edit_fetched);
+    else if (looks) look_and_edit(request, room); // says that there is none
     else room_edit(request, room, action, role);
 }
 
@@ -343,9 +361,9 @@ static const Relight__Scene *find_scene(const Relight__RoomState *state,
     return revision && !missing ? revision->scene : NULL;
 }
 
-// The IMAGE request of a scene; the engine that was seen draws it.
-static ProtobufCMessage *image_of(const struct server *server, const Relight__Scene *scene,
-                                  const Relight__Seen *seen,
+// The IMAGE request of a scene; the engine that was seen draws it. Without one the engine is
+// chosen when the model is here.
+static ProtobufCMessage *image_of(const Relight__Scene *scene, const Relight__Seen *seen,
                                   const Relight__RoomPictureRequest *in)
 {
     Relight__ImageRequest out = RELIGHT__IMAGE_REQUEST__INIT;
@@ -355,7 +373,7 @@ static ProtobufCMessage *image_of(const struct server *server, const Relight__Sc
     if (scene->picture) picture = *scene->picture;
     shade.material = scene->material;
     shade.budget_ms = 0; // a picture that was cut short is not the same again
-    shade.engine = seen && seen->engine ? seen->engine : scene_engine(server, scene);
+    if (seen && seen->engine) shade.engine = seen->engine;
     picture.camera = scene->camera;
     picture.format = in->format == RELIGHT__IMAGE_FORMAT__IMAGE_JPEG
                          ? RELIGHT__IMAGE_FORMAT__IMAGE_PNG
@@ -369,6 +387,15 @@ static ProtobufCMessage *image_of(const struct server *server, const Relight__Sc
     out.shade = &shade;
     out.picture = &picture;
     return message_copy(&out);
+}
+
+static void draw(struct request *request)
+{
+    const Relight__ImageRequest *image = MESSAGE(ImageRequest);
+    struct material_texts texts = {.n = 0};
+    image->shade->engine = engine_for(request->server, image->model, image->shade);
+    material_texts_of_shade(&texts, image->shade);
+    material_then(request, &texts, false, op_image);
 }
 
 static void picture(struct request *request, struct room *room)
@@ -386,16 +413,14 @@ static void picture(struct request *request, struct room *room)
                      "the scene has no model: set it first");
         return;
     }
-    ProtobufCMessage *image = image_of(request->server, scene, seen, in);
+    ProtobufCMessage *image = image_of(scene, seen, in);
     if (!image) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
     protobuf_c_message_free_unpacked(request->message, NULL);
     request->message = image;
-    struct material_texts texts = {.n = 0};
-    material_texts_of_shade(&texts, ((Relight__ImageRequest *)image)->shade);
-    material_then(request, &texts, false, op_image);
+    fetch_scene_then(request, image, draw);
 }
 
 void op_room_picture(struct request *request)

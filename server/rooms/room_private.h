@@ -155,7 +155,12 @@ void edits_again(struct room *room);
 /* room_seen.c */
 /* The engine that draws a scene of which no picture was seen: the scene's, else the bake's
  * (DEFAULT), else splats, whose pictures do not depend on the machine's speed. */
-Relight__Engine scene_engine(const struct server *server, const Relight__Scene *scene);
+Relight__Engine engine_for(const struct server *server, const char *id,
+                           const Relight__Shade *shade);
+/* Calls run(request) once the model and the uploads that a scene, or a request made of one,
+ * names are here: another replica may have them. */
+void fetch_scene_then(struct request *request, const ProtobufCMessage *scene,
+                      void (*run)(struct request *request));
 /* Fills in what made the picture of a scene, then calls fn with it; else answers the request.
  */
 typedef void (*seen_fn)(struct request *request, struct room *room, const Relight__Seen *seen);

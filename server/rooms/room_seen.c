@@ -18,14 +18,23 @@ struct seen_wait {
     seen_fn fn;
 };
 
-Relight__Engine scene_engine(const struct server *server, const Relight__Scene *scene)
+Relight__Engine engine_for(const struct server *server, const char *id,
+                           const Relight__Shade *shade)
 {
-    const struct model *model = models_get(server->models, scene->model);
+    const struct model *model = models_get(server->models, id);
     int state = model ? model_state(model) : 0;
     bool baked = state == RELIGHT__MODEL_STATE__MODEL_READY ||
                  state == RELIGHT__MODEL_STATE__MODEL_UNLOADED;
-    if (scene->shade && scene->shade->engine) return scene->shade->engine;
+    if (shade && shade->engine) return shade->engine;
     return baked ? RELIGHT__ENGINE__ENGINE_DEFAULT : RELIGHT__ENGINE__ENGINE_SPLAT;
+}
+
+void fetch_scene_then(struct request *request, const ProtobufCMessage *scene,
+                      void (*run)(struct request *request))
+{
+    const struct server *server = request->server;
+    if (server->fetch_then) server->fetch_then(request, scene, false, run);
+    else run(request);
 }
 
 static void fill_and_go(struct seen_wait *w, struct request *request)
@@ -44,7 +53,7 @@ static void fill_and_go(struct seen_wait *w, struct request *request)
     seen.mesh_hash = hashes.mesh;
     seen.bake_hash = hashes.bake;
     seen.server = (char *)(uintptr_t)RELIGHT_VERSION;
-    seen.engine = scene_engine(request->server, w->scene);
+    seen.engine = engine_for(request->server, w->scene->model, w->scene->shade);
     if (!seen.engine && baked && t->engine < 3)
         seen.engine = (Relight__Engine)engines[t->engine];
     w->fn(request, w->room, &seen);

@@ -19,6 +19,9 @@ struct entry {
 struct holds {
     struct entry *room[BUCKETS], *name[BUCKETS];
     bool known;
+    FILE *fresh; // NULL: no name is
+    char *fresh_text;
+    size_t n_fresh;
 };
 
 struct holds *holds_create(void)
@@ -28,6 +31,7 @@ struct holds *holds_create(void)
 
 void holds_destroy(struct holds *holds)
 {
+    if (holds) free(holds_take_fresh(holds));
     for (size_t i = 0; holds && i < BUCKETS; i++)
         for (int kind = 0; kind < 2; kind++)
             for (struct entry *e = kind ? holds->name[i] : holds->room[i], *next; e; e = next) {
@@ -64,13 +68,29 @@ static void remove_entry(struct entry **at)
     free(e);
 }
 
+static void note_fresh(struct holds *holds, const char *name)
+{
+    if (!holds->fresh) holds->fresh = open_memstream(&holds->fresh_text, &holds->n_fresh);
+    if (holds->fresh) fprintf(holds->fresh, "%s\n", name);
+}
+
+char *holds_take_fresh(struct holds *holds)
+{
+    if (!holds->fresh) return NULL;
+    fclose(holds->fresh);
+    holds->fresh = NULL;
+    char *text = holds->fresh_text;
+    holds->fresh_text = NULL;
+    return text;
+}
+
 // False without memory: some were not counted.
 static bool add_names(struct holds *holds, const char *names)
 {
     for (const char *line = names, *end; *line && (end = strchr(line + 1, '\n')); line = end) {
         struct entry *e = find_or_add(holds->name, line + 1, (size_t)(end - line - 1));
         if (!e) return false;
-        e->n_room++;
+        if (!e->n_room++) note_fresh(holds, e->key);
     }
     return true;
 }

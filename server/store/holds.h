@@ -30,6 +30,10 @@ void holds_know(struct holds *holds, bool known);
 bool holds_known(const struct holds *holds);
 /* Whether a room needs it; true as long as that is not known. NULL holds: never. */
 bool holds_has(const struct holds *holds, const char *name);
+/* Names that no room needed at the last call and some room does now, or did meanwhile, as
+ * lines, to free(); NULL: there are none. Without memory some may be missing: holds_list has
+ * them. */
+char *holds_take_fresh(struct holds *holds);
 /* Each name once, as lines, to free(); NULL as long as they are not known, or without memory.
  */
 char *holds_list(const struct holds *holds);

@@ -46,13 +46,15 @@ static int highest(const struct object_store *store, const char *id, unsigned *g
     return 0;
 }
 
+// -ENOENT: it was removed, on NFS perhaps between opening and reading.
 static int read_text(const char *path, char text[200])
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0) return -errno;
+    if (fd < 0) return errno == ESTALE ? -ENOENT : -errno;
     ssize_t n = read(fd, text, 199);
+    int err = n >= 0 ? 0 : errno == ESTALE ? -ENOENT : -errno;
     close(fd);
-    if (n < 0) return -errno;
+    if (err) return err;
     text[n] = 0;
     text[strcspn(text, "\n")] = 0;
     return 0;
@@ -102,6 +104,8 @@ static bool is_own(const struct object_claim *claim)
 {
     char path[PATH_MAX];
     struct stat named, open_one;
+    snprintf(path, sizeof path, "%s/claims", claim->store->folder);
+    if (!object_refresh_folder(path)) return false;
     path_of(claim->store, claim->id, claim->generation, path);
     return !lstat(path, &named) && !fstat(claim->fd, &open_one) &&
            named.st_ino == open_one.st_ino && named.st_dev == open_one.st_dev;

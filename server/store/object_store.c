@@ -19,7 +19,9 @@
 #include <unistd.h>
 
 static const char format_text[] = "relight store 1\n";
-enum { PIECE = 1 << 20, TEMPORARY_S = 3600 };
+/* STALE_TRIES: on NFS a file that another machine replaces or removes is stale for whoever has
+ * it open; its name leads to the new one, or to none. */
+enum { PIECE = 1 << 20, TEMPORARY_S = 3600, STALE_TRIES = 16 };
 
 static const struct {
     const char *folder, *ending;
@@ -38,6 +40,28 @@ void object_temporary(struct object_store *store, char path[PATH_MAX])
 {
     snprintf(path, PATH_MAX, "%s/tmp/%s-%" PRIu64, store->folder, store->owner,
              atomic_fetch_add(&store->last_temporary, 1) + 1);
+}
+
+bool object_refresh_folder(const char *folder)
+{
+    int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (fd >= 0) close(fd);
+    return fd >= 0;
+}
+
+// Whether an operation on the path that ended so is worth another try: on NFS the file is stale
+// (STALE_TRIES), or only this machine still takes it for missing.
+static bool try_again(const char *path, int err, int tries)
+{
+    char folder[PATH_MAX];
+    if (!(err == -ESTALE && tries < STALE_TRIES) && !(err == -ENOENT && !tries)) return false;
+    snprintf(folder, sizeof folder, "%s", path);
+    *strrchr(folder, '/') = 0;
+    char *above = strrchr(folder, '/'); // blobs and bakes are in folders of their first digits
+    *above = 0;
+    (void)object_refresh_folder(folder);
+    *above = '/';
+    return object_refresh_folder(folder) || err == -ESTALE;
 }
 
 int object_sync_folder(const char *path)
@@ -227,7 +251,9 @@ int object_get(struct object_store *store, enum object_kind kind, const char *id
     if (err) return err;
     snprintf(temporary, sizeof temporary, "%s.tmp-%" PRIu64, path,
              atomic_fetch_add(&store->last_temporary, 1) + 1);
-    err = copy_file(from, temporary, false, hex);
+    int tries = 0;
+    do err = copy_file(from, temporary, false, hex);
+    while (try_again(from, err, tries++));
     if (err) return err == -ENOENT ? missing(store) : err;
     if (kind == OBJECT_BLOB && strcmp(hex, id)) err = -EBADMSG;
     if (!err && rename(temporary, path)) err = -errno;
@@ -239,8 +265,10 @@ int object_get(struct object_store *store, enum object_kind kind, const char *id
 // Marks an object as used; -ENOENT: it is not there, perhaps moved aside meanwhile.
 static int touch(const char *path, struct stat *st)
 {
-    if (utimensat(AT_FDCWD, path, NULL, 0) && errno == ENOENT) return -ENOENT;
-    return stat(path, st) ? -errno : 0;
+    if (utimensat(AT_FDCWD, path, NULL, 0) && (errno == ENOENT || errno == ESTALE))
+        return -ENOENT;
+    if (!stat(path, st)) return 0;
+    return errno == ESTALE ? -ENOENT : -errno;
 }
 
 int object_find(struct object_store *store, enum object_kind kind, const char *id,
@@ -249,8 +277,10 @@ int object_find(struct object_store *store, enum object_kind kind, const char *i
     char path[PATH_MAX];
     struct stat st;
     if (!object_store_shared(store)) return -ENOENT;
-    int err = path_of(store, kind, id, path);
-    if (!err) err = touch(path, &st);
+    int err = path_of(store, kind, id, path), tries = 0;
+    if (err) return err;
+    do err = touch(path, &st);
+    while (try_again(path, err, tries++));
     if (!err) *bytes = (uint64_t)st.st_size;
     return err == -ENOENT ? missing(store) : err;
 }
@@ -292,20 +322,18 @@ int object_put(struct object_store *store, enum object_kind kind, const char *id
     return err;
 }
 
-int object_read(struct object_store *store, const char *id, char **text)
+static int read_text(const char *path, char **text)
 {
-    char path[PATH_MAX];
     struct stat st;
-    if (!object_store_shared(store)) return -ENOENT;
-    int err = path_of(store, OBJECT_RECORD, id, path);
-    if (err) return err;
-    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0) return errno == ENOENT ? missing(store) : -errno;
     char *bytes = NULL;
     ssize_t n = 0;
-    if (fstat(fd, &st) || st.st_size > OBJECT_TEXT) err = -EFBIG;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW), err = 0;
+    if (fd < 0) return -errno;
+    if (fstat(fd, &st)) err = -errno;
+    else if (st.st_size > OBJECT_TEXT) err = -EFBIG;
     else if (!(bytes = malloc((size_t)st.st_size + 1))) err = -ENOMEM;
-    else if ((n = read(fd, bytes, (size_t)st.st_size)) != st.st_size) err = -EIO;
+    else if ((n = read(fd, bytes, (size_t)st.st_size)) < 0) err = -errno;
+    else if (n != st.st_size) err = -EIO;
     close(fd);
     if (err) {
         free(bytes);
@@ -314,6 +342,18 @@ int object_read(struct object_store *store, const char *id, char **text)
     bytes[n] = 0;
     *text = bytes;
     return 0;
+}
+
+int object_read(struct object_store *store, const char *id, char **text)
+{
+    char path[PATH_MAX];
+    if (!object_store_shared(store)) return -ENOENT;
+    int err = path_of(store, OBJECT_RECORD, id, path);
+    if (err) return err;
+    int tries = 0;
+    do err = read_text(path, text);
+    while (try_again(path, err, tries++));
+    return err == -ENOENT ? missing(store) : err;
 }
 
 int object_write(struct object_store *store, const char *id, const char *text)

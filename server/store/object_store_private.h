@@ -17,6 +17,10 @@ struct object_store {
 
 /* A name in the folder that no other process chooses. */
 void object_temporary(struct object_store *store, char path[PATH_MAX]);
+/* Makes a client of NFS ask the server what the folder has now. Without it a name that it
+ * looked up before stands, for up to a minute, for the file that was there, or for none. False:
+ * the folder is not there. */
+bool object_refresh_folder(const char *folder);
 /* Syncs the folder that has this file. */
 int object_sync_folder(const char *path);
 

@@ -74,6 +74,7 @@ reads() { # its figures are those that capacity writes
 import json; print("%.3g" % json.load(open("figures.json"))["picture_ms"])') ms"
 }
 check python3 "simulate --figures" reads
+check /usr/bin/python3 "figures of README.md" ./capacity --page --check
 shapes() {
     /usr/bin/python3 - <<'PY'
 import sys
@@ -144,7 +145,7 @@ check /usr/bin/python3 "compose.yaml and kubernetes" shapes
 options() { # every option that these files name is one of relightd's
     local word
     for word in $(grep -ohE -- '--[a-z][a-z-]+' compose.yaml kubernetes/relightd.yaml Containerfile | sort -u); do
-        case $word in --from | --preset | --build | --target | --stage | --images | --format | --build-arg | --page | --interval | --timeout | --start-period) continue ;; esac
+        case $word in --from | --preset | --build | --target | --mount | --secret | --stage | --images | --format | --build-arg | --page | --interval | --timeout | --start-period) continue ;; esac
         "$build/bin/relightd" --help | grep -q -- "$word" || { echo "relightd has no $word"; return 1; }
     done
 }

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: MIT
 # relightd --runner slurm beside a Slurm of its own (deploy/cluster/with_slurm): an array of four tasks
 # makes the bytes of a local bake, also where Slurm runs a task again and where relightd restarts
-# meanwhile; a bake is cancelled; errors are told in prt's words.
-#   slurm.sh FOLDER_OF_THE_PROGRAMS
+# meanwhile; a bake is cancelled; errors are told in prt's words. With `time`: an array whose time was too
+# short runs again with more, also where relightd restarts meanwhile, and keeps what was finished.
+#   slurm.sh FOLDER_OF_THE_PROGRAMS [time]
 set -u
 bin=$1
 T=$(mktemp -d /tmp/relight-slurm-test-XXXXXX)
@@ -48,13 +49,56 @@ ready() { # ID SECONDS
     return 1
 }
 
+array_of() { # ID BEFORE: the number of its array, another than BEFORE
+    local array= _
+    for _ in $(seq 3000); do
+        read -r array _ 2>/dev/null <"nodes/$1/.slurm/array"
+        [ -n "$array" ] && [ "$array" != "$2" ] && break
+        sleep .1
+    done
+    echo "$array"
+}
+limit_of() { squeue -h -r -t all -j "$1" -o %l | sort -u; }
+
+slurm=(--runner slurm --slurm-tasks 4 --slurm-folder "$T/nodes" --bake-threads 1)
+mkdir nodes
+if [ "${2-}" = time ]; then
+    start slurm "${slurm[@]}"
+    id=$(load 12000 | id_of)
+    first=$(array_of "$id" "")
+    # Task 0 stops half-way, and the administrator leaves it one minute.
+    task="$T/nodes/$id/.slurm/out.prt"
+    for _ in $(seq 1200); do stuck=$(pgrep -f "^[^ ]*prt bake .*--shard=0/4 .* $task\$") && break; sleep .05; done
+    kill -STOP $stuck || wrong "no task 0"
+    before=$(limit_of "$first")
+    scontrol update JobId="$first" TimeLimit=1 || wrong "no shorter time"
+    done=(nodes/"$id"/.slurm/done.{1,2,3})
+    for _ in $(seq 2400); do [ -e "${done[0]}" ] && [ -e "${done[1]}" ] && [ -e "${done[2]}" ] && break; sleep .1; done
+    ln "$task".[123]-of-4.part . || wrong "no finished parts: $(ls -la "nodes/$id/.slurm")"
+    stat -c '%i %y' out.prt.?-of-4.part >parts
+    second=$(array_of "$id" "$first")
+    [ "$second" != "$first" ] || wrong "the array does not run again: $(squeue -t all)"
+    grep -q "Slurm job $first took longer than ${before%%:*} min; it runs again" slurm.log || wrong "it is not told"
+    [ "$(limit_of "$second")" = "$((4 * ${before%%:*})):00" ] || wrong "its limit: $(limit_of "$second") after $before"
+    kill -9 "$daemon"
+    wait "$daemon" 2>/dev/null
+    start slurm "${slurm[@]}"
+    squeue -h -t PD,R -j "$second" | grep -q . || wrong "the second array has ended before it was seen"
+    stat -c '%i %y' "$task".[123]-of-4.part | cmp - parts || wrong "finished parts are made again"
+    ready "$id" 200 || wrong "the bake that ran again"
+    "$bin/prt" bake ball.obj --size-mm 10 --material marble --transport wavelet --samples 12000 --cube 16 -q -o own.prt
+    cmp own.prt "slurm/bakes/$id.prt" || wrong "other bytes"
+    grep -q "Slurm job $second is followed again" slurm.log || wrong "the second array was not followed"
+    stop
+    echo "a task beyond its time: array $first of $before, then $second of $((4 * ${before%%:*})) min"
+    exit 0
+fi
+
 start local --bake-threads 1
 id=$(load 4000 | id_of)
 ready "$id" 60 || wrong "the local bake"
 stop
 
-slurm=(--runner slurm --slurm-tasks 4 --slurm-folder "$T/nodes" --bake-threads 1)
-mkdir nodes
 start slurm "${slurm[@]}"
 [ "$(load 4000 | id_of)" = "$id" ] || wrong "another id"
 ready "$id" 90 || wrong "the bake on Slurm"

@@ -13,6 +13,12 @@ sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
 
 
+def shared_folder(folder, number):
+    """The folder of --store. RELIGHT_TEST_MOUNTS="DIR DIR": it lies in a folder that each of two machines mounts."""
+    mounts = os.environ.get("RELIGHT_TEST_MOUNTS", "").split()
+    return "%s/%s" % (mounts[number % len(mounts)], os.path.basename(folder)) if mounts else folder + "/shared"
+
+
 class Replica:
     def __init__(self, folder, number, programs=sys.argv[1], more=(), env=None):
         self.programs, self.more, self.env = programs, more, env
@@ -24,7 +30,8 @@ class Replica:
         path = self.address[5:]
         if os.path.exists(path):
             os.unlink(path)
-        self.process = self.start_process(self.programs, self.folder, self.number, self.folder + "/shared",
+        self.process = self.start_process(self.programs, self.folder, self.number,
+                                          shared_folder(self.folder, self.number),
                                           self.more, self.env)
         end = time.monotonic() + 60
         while not os.path.exists(path):

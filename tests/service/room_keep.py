@@ -4,7 +4,8 @@
 drawn with the same bytes after other models and uploads had to make room, an upload and a bake that do
 not fit any more are refused with the rooms as the reason, and once the room is deleted its files go.
 
-   tests/service/room_keep.py BIN"""
+   tests/service/room_keep.py BIN [replicas]      replicas: that of two on one folder alone; RELIGHT_TEST_POSTGRES:
+                                                  their rooms are there"""
 import contextlib
 import hashlib
 import json
@@ -35,11 +36,11 @@ def write_light(name, seed, width=256, height=128):
     return hashlib.sha256(data).hexdigest()
 
 
-def load(name, *options):
+def load(name, *options, at=''):
     with open(name + '.obj', 'w', encoding='utf-8') as f:
         f.write('# %s\n' % name + BALL)
     relight('load', name + '.obj', '--size-mm', '20', '--material', 'marble', '--samples', '300', '--cube', '16',
-            *options)
+            *options, at=at)
 
 
 def read(path):
@@ -47,16 +48,16 @@ def read(path):
         return f.read()
 
 
-def log_has(text):
-    return text in read('log').decode()
-
-
-def wait_for_log(text):
+def wait_until(what, good):
     for _ in range(6000):
-        if log_has(text):
+        if good():
             return
         time.sleep(0.05)
-    expect(False, 'the log has no "%s"' % text)
+    expect(False, what)
+
+
+def wait_for_log(text, at=''):
+    wait_until('the log has no "%s"' % text, lambda: text in read(at + 'log').decode())
 
 
 def blob(hash_of):
@@ -171,6 +172,74 @@ def check_shared_folder():
         expect(read('shared.png') == read('first.png'), 'other bytes by a replica')
 
 
+def age_shared(hash_of):
+    os.utime(shared(hash_of), (time.time() - 3 * DAY,) * 2)
+
+
+def light_and_pin(light, by):
+    """A pin under a light that the room's scene has for this pin alone; its picture."""
+    relight('room', 'scene', ROOM, '--env', light, at=by)
+    said = relight('room', 'pin', ROOM, light, '--at', '0,2,0.3,0.2', '--json', at=by).stdout
+    relight('room', 'scene', ROOM, '--env', 'constant', at=by)
+    number = str(json.loads(said)['sequence'])
+    relight('room', 'show', ROOM, number, '-o', light + '.png', at=by)
+    return number
+
+
+def same_by(number, light, by):
+    relight('room', 'show', ROOM, number, '-o', 'again.png', at=by)
+    expect(read('again.png') == read(light + '.png'), 'other bytes of the pin under %s by %s' % (light, by))
+
+
+def check_replicas():
+    """One replica removes what nobody used for a day from the folder: not what a room of another one begins to need
+    meanwhile, and what was removed before it was needed is put there again."""
+    database = os.environ.get('RELIGHT_TEST_POSTGRES')
+    kept, spare, removed = [write_light(name + '.hdr', 20 + i) for i, name in enumerate(NAMES)]
+    options = ['--store', 'shared', '--store-keep', str(DAY), '--store-poll', '0.2']
+    options += ['--rooms', database] if database else []
+    with daemon('--data', 'one', *options, at='one-'):
+        expect(('use --rooms postgresql://' in read('one-log').decode()) == (not database), 'the advice at the start')
+        load('kept', '--wait', at='one-')
+        for name in NAMES:
+            relight('env', name + '.hdr', at='one-')
+        relight('room', 'create', ROOM, '--model', 'kept', '--env', 'constant', '--size', '64x48', at='one-')
+        wait_for_log('start version', 'one-')
+        time.sleep(1)  # the first look has ended
+        for one in (kept, spare):
+            age_shared(one)
+        for path in (shared(removed), shared(removed) + '.owner'):
+            os.unlink(path)
+        pins = [(light_and_pin(light, 'one-'), light) for light in ('kept.hdr', 'removed.hdr')]
+        wait_until('what a pin needs is not put again', lambda: os.path.exists(shared(removed)))
+        wait_until('what a pin needs is not used now', lambda: os.path.getmtime(shared(kept)) > time.time() - DAY)
+        with daemon('--data', 'two', *options, '--store-poll', '20', at='two-'):
+            wait_for_log('store removed=', 'two-')
+            expect(not os.path.exists(shared(spare)), 'what nobody needs stays')
+            expect(os.path.exists(shared(kept)), 'the other replica removed what a pin needs')
+            for number, light in pins if database else []:
+                same_by(number, light, 'two-')
+            if database:  # a model that came since its last look at the folder
+                load('later', '--wait', at='one-')
+                relight('room', 'scene', ROOM, '--model', 'later', at='one-')
+                relight('room', 'pin', ROOM, 'at once', '--at', '0,2,0.3,0.2', at='two-')
+    if not database:
+        return
+    # The replica that wrote the rooms is away, and nothing was used for days.
+    with open('spare.hdr', 'rb') as f:
+        data = f.read()
+    with open(shared(spare), 'wb') as f:
+        f.write(data)
+    for one in (kept, removed, spare):
+        age_shared(one)
+    with daemon('--data', 'three', *options, at='three-'):
+        wait_for_log('store removed=', 'three-')
+        expect(not os.path.exists(shared(spare)), 'what nobody needs stays, the second time')
+        for number, light in pins:
+            same_by(number, light, 'three-')
+
+
 ROOM = 'a full disk'
 PIN = ''
-main(check, check_shared_folder)
+NAMES = ('kept', 'spare', 'removed')
+main(*([check_replicas] if 'replicas' in sys.argv[2:] else [check, check_shared_folder, check_replicas]))

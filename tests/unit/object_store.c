@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The folder that replicas share: what was acknowledged is there with its bytes whatever
 // process is killed; a claim has one holder, and is taken over when it does not change any
-// more.
+// more. RELIGHT_TEST_MOUNTS="DIR DIR": mounts of one folder, as two machines have it (NFS);
+// half of the stores and processes use either.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,29 +27,43 @@
 #include <time.h>
 #include <unistd.h>
 
-static char folder[64], shared[96];
+enum { HOSTS = 2 };
+// The folder that is shared, as either machine calls it.
+static char folder[64], shared_by[HOSTS][160];
+static char *const shared = shared_by[0];
 
 static int setup(void **state)
 {
+    char mount[HOSTS][100];
+    const char *mounts = getenv("RELIGHT_TEST_MOUNTS");
     strcpy(folder, "/tmp/relight-objects-XXXXXX");
     assert_non_null(mkdtemp(folder));
-    snprintf(shared, sizeof shared, "%s/shared", folder);
+    for (int i = 0; i < HOSTS; i++) strcpy(mount[i], folder);
+    if (mounts) assert_int_equal(sscanf(mounts, "%99s %99s", mount[0], mount[1]), HOSTS);
+    for (int i = 0; i < HOSTS; i++)
+        snprintf(shared_by[i], sizeof shared_by[i], "%s/shared-%s", mount[i],
+                 strrchr(folder, '-') + 1);
     return 0;
 }
 
 static int teardown(void **state)
 {
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf %s", folder);
+    char command[256];
+    snprintf(command, sizeof command, "rm -rf %s %s", folder, shared);
     return system(command);
 }
 
-static struct object_store *open_store(void)
+static struct object_store *open_store_of(unsigned host)
 {
     char error[256];
     struct object_store *store;
-    if (object_store_open(shared, &store, error)) fail_msg("%s", error);
+    if (object_store_open(shared_by[host % HOSTS], &store, error)) fail_msg("%s", error);
     return store;
+}
+static struct object_store *open_store(void)
+{
+    static unsigned host;
+    return open_store_of(host++);
 }
 
 // A file of n bytes that follow from the seed, and its hash.
@@ -96,6 +111,11 @@ static void what_is_put_is_got(void **state)
     make_file(file, 1, 3000000, hash);
     assert_int_equal(object_get(b, OBJECT_BLOB, hash, copy), -ENOENT);
     assert_int_equal(object_put(a, OBJECT_BLOB, hash, file), 0);
+    assert_int_equal(object_get(b, OBJECT_BLOB, hash, copy), 0);
+    assert_int_equal(object_find(b, OBJECT_BAKE, hash, &bytes), -ENOENT);
+    assert_int_equal(object_put(a, OBJECT_BAKE, hash, file), 0);
+    assert_int_equal(object_find(b, OBJECT_BAKE, hash, &bytes), 0);
+    assert_int_equal(object_read(b, "0123456789", &text), -ENOENT);
     assert_int_equal(object_put(b, OBJECT_BLOB, hash, file), 0);
     assert_int_equal(object_find(b, OBJECT_BLOB, hash, &bytes), 0);
     assert_int_equal(bytes, 3000000);
@@ -107,20 +127,25 @@ static void what_is_put_is_got(void **state)
     assert_int_equal(object_find(b, OBJECT_BLOB, other, &bytes), -ENOENT);
     assert_int_equal(object_put(a, OBJECT_BLOB, "../../../etc/passwd", file), -EINVAL);
     // Damage in the folder is noticed.
-    char path[200];
+    char path[320];
     snprintf(path, sizeof path, "%s/blobs/%.2s/%s", shared, hash, hash);
     assert_int_equal(truncate(path, 100), 0);
     assert_int_equal(object_get(b, OBJECT_BLOB, hash, copy), -EBADMSG);
     assert_int_equal(object_write(a, "0123456789", "one"), 0);
+    assert_int_equal(object_read(b, "0123456789", &text), 0);
+    assert_string_equal(text, "one");
+    free(text);
     assert_int_equal(object_write(b, "0123456789", "two"), 0);
     assert_int_equal(object_read(a, "0123456789", &text), 0);
     assert_string_equal(text, "two");
     free(text);
     // A folder that is not mounted is no empty store.
-    snprintf(path, sizeof path, "%s/store", shared);
-    assert_int_equal(rename(path, file), 0);
+    char aside[320];
+    snprintf(path, sizeof path, "%s/store", shared_by[1]);
+    snprintf(aside, sizeof aside, "%s/aside", shared_by[1]);
+    assert_int_equal(rename(path, aside), 0);
     assert_int_equal(object_get(b, OBJECT_BAKE, "0123456789", copy), -EIO);
-    assert_int_equal(rename(file, path), 0);
+    assert_int_equal(rename(aside, path), 0);
     FILE *f = fopen(path, "w");
     fputs("relight store 2\n", f);
     fclose(f);
@@ -142,7 +167,7 @@ static void claims_are_watched_by_the_observers_clock(void **state)
     // Its file's time is an hour off, forwards or back: nobody looks at it. A lease of a
     // minute, since this process may be stopped for longer than .2 s.
     for (int hour = -1; hour <= 1; hour += 2) {
-        char path[200];
+        char path[320];
         struct timespec t = {time(NULL) + hour * 3600, 0}, both[2] = {t, t};
         snprintf(path, sizeof path, "%s/claims/%s.000001", shared, id);
         assert_int_equal(utimensat(AT_FDCWD, path, both, 0), 0);
@@ -193,6 +218,17 @@ static void a_released_claim_is_another(void **state)
     object_claim_release(late);
     assert_int_equal(object_claim_beat(theirs, ""), 0);
     object_claim_release(theirs);
+    // A late owner that releases without a look.
+    struct object_watch first = {0}, last = {0};
+    assert_int_equal(object_claim_take(a, id, .1, &first, &late), 0);
+    assert_int_equal(object_claim_take(b, id, .1, &last, &theirs), -EBUSY);
+    usleep(150000);
+    assert_int_equal(object_claim_take(b, id, .1, &last, &theirs), 0);
+    object_claim_release(theirs);
+    assert_int_equal(object_claim_take(b, id, .1, &last, &theirs), 0);
+    object_claim_release(late);
+    assert_int_equal(object_claim_beat(theirs, ""), 0);
+    object_claim_release(theirs);
     object_store_close(a);
     object_store_close(b);
 }
@@ -200,7 +236,7 @@ static void a_released_claim_is_another(void **state)
 static void used_objects_are_not_collected(void **state)
 {
     struct object_store *a = open_store();
-    char file[128], path[200], hash[3][65];
+    char file[128], path[320], hash[3][65];
     uint64_t n, bytes;
     snprintf(file, sizeof file, "%s/file", folder);
     for (uint32_t i = 0; i < 3; i++) {
@@ -249,10 +285,32 @@ static void hold(struct object_claim *claim, struct turns *t, bool sleep)
     object_claim_release(claim);
 }
 
-// What one process does until it is killed: puts, gets, claims, collects.
-static void act(unsigned seed)
+// A record's text is a number, so many letters, and a full stop.
+static void use_record(struct object_store *store, unsigned which, unsigned *seed)
 {
-    struct object_store *store = open_store();
+    char id[20], *text, *at;
+    snprintf(id, sizeof id, "%016x", which + 1000);
+    if (rand_r(seed) % 2) {
+        unsigned long n = (unsigned long)rand_r(seed) % 9000;
+        char fresh[9020];
+        int head = snprintf(fresh, sizeof fresh, "%lu ", n);
+        memset(fresh + head, 'x', n);
+        strcpy(fresh + head + n, ".");
+        if (object_write(store, id, fresh)) _exit(8);
+        return;
+    }
+    int err = object_read(store, id, &text);
+    if (err == -ENOENT) return;
+    if (err) _exit(9);
+    unsigned long n = strtoul(text, &at, 10);
+    if (*at != ' ' || strspn(at + 1, "x") != n || strcmp(at + 1 + n, ".")) _exit(10);
+    free(text);
+}
+
+// What one process does until it is killed: puts, gets, claims, collects, reads records.
+static void act(unsigned host, unsigned seed)
+{
+    struct object_store *store = open_store_of(host);
     char file[128], copy[128], hash[65], id[20];
     struct object_watch watch[CLAIMS] = {0};
     uint64_t n, bytes;
@@ -260,7 +318,7 @@ static void act(unsigned seed)
     snprintf(copy, sizeof copy, "%s/copy-%d", folder, (int)getpid());
     for (;;) {
         uint32_t i = (uint32_t)rand_r(&seed) % OBJECTS;
-        switch (rand_r(&seed) % 4) {
+        switch (rand_r(&seed) % 5) {
         case 0:
             make_file(file, i, 1000 + 4000 * i, hash);
             if (!object_put(store, OBJECT_BLOB, hash, file) &&
@@ -280,6 +338,9 @@ static void act(unsigned seed)
                 hold(claim, &turns[i % CLAIMS], rand_r(&seed) % 8 == 0);
             break;
         }
+        case 3:
+            use_record(store, i % CLAIMS, &seed);
+            break;
         default:
             if (rand_r(&seed) % 16 == 0 && object_collect(store, 3600, &n)) _exit(7);
         }
@@ -316,7 +377,7 @@ static void nothing_acknowledged_is_lost(void **state)
     for (unsigned k = 0; k < kills; k++) {
         pid_t *p = &pid[k % PROCESSES];
         if (*p) end(*p);
-        if (!(*p = fork())) act(k * 7919u);
+        if (!(*p = fork())) act(k, k * 7919u);
         usleep(20000 + (useconds_t)rand_r(&seed) % 40000);
     }
     for (int k = 0; k < PROCESSES; k++) end(pid[k]);
@@ -339,6 +400,44 @@ static void nothing_acknowledged_is_lost(void **state)
     object_store_close(store);
 }
 
+// Puts, finds, gets and collects objects that nobody keeps, n times.
+static void act_on_the_unkept(unsigned host, int n_turn)
+{
+    struct object_store *store = open_store_of(host);
+    char file[128], copy[128], hash[65];
+    unsigned seed = host * 7919u + 1;
+    uint64_t bytes, n;
+    snprintf(file, sizeof file, "%s/file-%d", folder, (int)getpid());
+    snprintf(copy, sizeof copy, "%s/copy-%d", folder, (int)getpid());
+    for (int i = 0; i < n_turn; i++) {
+        uint32_t which = (uint32_t)rand_r(&seed) % 4;
+        make_file(file, which, 300000 + 1000 * which, hash);
+        int err = object_put(store, OBJECT_BLOB, hash, file);
+        if (err) _exit(11);
+        if ((err = object_find(store, OBJECT_BLOB, hash, &bytes)) && err != -ENOENT) _exit(12);
+        if (!err && bytes != 300000 + 1000 * which) _exit(13);
+        if ((err = object_get(store, OBJECT_BLOB, hash, copy)) && err != -ENOENT) _exit(14);
+        if (rand_r(&seed) % 2 && (err = object_collect(store, 1e-9, &n))) _exit(15);
+    }
+    object_store_close(store);
+    _exit(0);
+}
+
+// Who reads an object while another removes it has all of it, or finds none.
+static void one_that_is_removed_is_whole_or_gone(void **state)
+{
+    pid_t pid[PROCESSES];
+    int how;
+    for (unsigned k = 0; k < PROCESSES; k++)
+        if (!(pid[k] = fork())) act_on_the_unkept(k, 150);
+    for (unsigned k = 0; k < PROCESSES; k++) {
+        waitpid(pid[k], &how, 0);
+        if (how) print_error("a process found fault %d\n", WEXITSTATUS(how));
+        faulty |= how != 0;
+    }
+    assert_false(faulty);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -348,6 +447,7 @@ int main(void)
                                         teardown),
         cmocka_unit_test_setup_teardown(a_released_claim_is_another, setup, teardown),
         cmocka_unit_test_setup_teardown(used_objects_are_not_collected, setup, teardown),
+        cmocka_unit_test_setup_teardown(one_that_is_removed_is_whole_or_gone, setup, teardown),
         cmocka_unit_test_setup_teardown(nothing_acknowledged_is_lost, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -33,8 +33,9 @@ def prt(*args, status=0):
     return run('prt', *args, status=status)
 
 
-def relight(*args, status=0):
-    return run('relight', '-s', 'unix:socket', *args, status=status)
+def relight(*args, status=0, at=''):
+    """at: the daemon's."""
+    return run('relight', '-s', 'unix:%ssocket' % at, *args, status=status)
 
 
 def same(got, want, most):
@@ -42,14 +43,14 @@ def same(got, want, most):
 
 
 @contextlib.contextmanager
-def daemon(*options):
-    """A relightd on ./socket that writes to ./log."""
-    with open('log', 'w', encoding='utf-8') as log:
-        process = subprocess.Popen([os.path.join(BIN, 'relightd'), *options, '--listen', 'unix:socket'],
+def daemon(*options, at=''):
+    """A relightd on ./socket that writes to ./log; at: what these names begin with."""
+    with open(at + 'log', 'w', encoding='utf-8') as log:
+        process = subprocess.Popen([os.path.join(BIN, 'relightd'), *options, '--listen', 'unix:%ssocket' % at],
                                    stdout=log, stderr=log)
     try:
         for _ in range(1200):
-            if os.path.exists('socket') or process.poll() is not None:
+            if os.path.exists(at + 'socket') or process.poll() is not None:
                 break
             time.sleep(0.05)
         yield process

@@ -1,0 +1,6 @@
+# The shared folder on NFS, in a Linux of its own: the property test of the store, and two relightd.
+add_test(NAME nfs COMMAND ${CMAKE_CURRENT_LIST_DIR}/nfs.py ${CMAKE_BINARY_DIR} BUILD/tests/test_object_store)
+add_test(NAME nfs_replicas COMMAND ${CMAKE_CURRENT_LIST_DIR}/nfs.py ${CMAKE_BINARY_DIR}
+  "cd TESTS/service && exec /usr/bin/python3 replicas.py BUILD/bin BUILD/python 300")
+set_tests_properties(nfs nfs_replicas PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1200 LABELS cluster)
+set_tests_properties(nfs_replicas PROPERTIES LABELS "cluster;long")
