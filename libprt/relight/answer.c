@@ -763,9 +763,9 @@ static void shade_vertex(const struct shade_job *job, size_t v, uint32_t medium,
 }
 
 // Shades the vertices of one block. Without an eye only plane 0 (l = 0) is used. The colours
-// may overwrite plane 0.
+// may overwrite plane 0. gain: factors of an opaque block's channels; NULL: 1.
 static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
-                        uint32_t object, bool translucent)
+                        uint32_t object, bool translucent, const float *gain)
 {
     const struct answer *a = job->a;
     const bool total = a->query->term == PRT_ANSWER_TOTAL;
@@ -783,19 +783,22 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
         const float x = plane[i] * transmittance;
         color[i] = x > 0 ? x : 0;
     }
+    for (size_t i = 3 * begin_v; gain && !translucent && i < 3 * end; i++)
+        color[i] *= gain[i % 3];
 }
 
 // Shades vertices [begin_v, end). Blocks partition the vertices in order.
 static void shade_vertices(const struct shade_job *job, size_t begin_v, size_t end)
 {
     const struct prt_mesh *mesh = &job->a->transport->mesh;
+    const float(*gain)[3] = job->a->query->gain;
     for (uint32_t i = 0; i < mesh->n_block; i++) {
         const struct prt_block *b = &mesh->block[i];
         const size_t from = b->vertex_begin > begin_v ? b->vertex_begin : begin_v;
         const size_t stop = b->vertex_begin + (size_t)b->n_vertex;
         if (from < end && from < stop)
             shade_block(job, from, stop < end ? stop : end, b->object,
-                        mesh->surface[b->surface].translucent);
+                        mesh->surface[b->surface].translucent, gain ? gain[i] : NULL);
     }
 }
 
