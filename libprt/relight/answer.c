@@ -883,6 +883,21 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     return status;
 }
 
+// The gain of parts that are sent apart; planes of pictures have it in their look.
+static void gain_parts(const struct answer *a)
+{
+    const struct prt_mesh *mesh = &a->transport->mesh;
+    const float(*gain)[3] = a->query->most_apart ? a->query->gain : NULL;
+    for (uint32_t i = 0; gain && i < mesh->n_block; i++) {
+        const struct prt_block *b = &mesh->block[i];
+        if (mesh->surface[b->surface].translucent) continue;
+        for (unsigned k = 0; k < a->n_plane; k++) {
+            float *plane = a->planes + 3 * (k * a->n_vertex + b->vertex_begin);
+            for (size_t v = 0; v < 3 * (size_t)b->n_vertex; v++) plane[v] *= gain[i][v % 3];
+        }
+    }
+}
+
 int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
                     unsigned n, const struct prt_query query[], const bool planes[],
                     float *const out[], const struct prt_colors_sink *sink)
@@ -901,6 +916,8 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
     }
     if (!status) status = fill_answers(a, n);
     if (!status) status = shade_colors(a, n, planes, out, sink);
+    for (unsigned i = 0; i < n && !status; i++)
+        if (planes[i]) gain_parts(&a[i]);
     for (unsigned i = 0; i < n; i++) drop_planes(&a[i], out[i]);
     return status;
 }

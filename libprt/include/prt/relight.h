@@ -166,7 +166,8 @@ struct prt_query {
      * evenly have no plane behind the second, and PRT_ANSWER_MULTIPLE has the first alone. */
     unsigned most_apart;
     const float (*gain)[3]; /* [n_block] factors of the opaque blocks' colours (prt/variant.h);
-                             * NULL: 1. Planes and coefficients are without them */
+                             * NULL: 1. Planes that are not kept apart, and coefficients, are
+                             * without them; prt_answer_many alone has them in planes */
 };
 
 /* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.
