@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // Models as they come: pictures of a textured bake against the same without textures, an edit
 // of one object's medium against that of all, and the import of a document of materials.
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "bench.h"
 #include "prt/light.h"
@@ -17,6 +19,30 @@ static int open_file(struct bench_env *env, const char *why, struct prt_file **o
         return PRT_ARG;
     }
     return prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, out);
+}
+
+static double cpu_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+// The least CPU time of a call of each of two things [s], by turns for the bench's time: a
+// ratio that other programs on the machine disturb least.
+static int compare_cpu(const struct bench_env *env, bench_fn fn, void *const arg[2],
+                       double best[2])
+{
+    const double end = prt_time_s() + env->seconds;
+    int status = fn(arg[0]);
+    if (!status) status = fn(arg[1]);
+    best[0] = best[1] = INFINITY;
+    for (unsigned n = 0; !status && (n < 6 || prt_time_s() < end); n++) {
+        const double start = cpu_s();
+        status = fn(arg[n % 2]);
+        best[n % 2] = fmin(best[n % 2], cpu_s() - start);
+    }
+    return status;
 }
 
 // ---- pictures
@@ -85,7 +111,7 @@ static int picture_textured(struct bench_env *env)
     struct prt_cube light[TURNS] = {{0}};
     struct prt_specular *specular[TURNS] = {NULL};
     struct picture pair[2] = {{0}};
-    struct bench_time time[2];
+    double time[2];
     int status = open_file(env, "picture_textured", &file);
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(file);
@@ -98,14 +124,14 @@ static int picture_textured(struct bench_env *env)
             (struct picture){.env = env, .transport = t, .light = light, .specular = specular};
         status = picture_init(&pair[i], i == 0);
     }
-    if (!status) status = bench_compare(env, draw, (void *const[2]){&pair[0], &pair[1]}, time);
+    if (!status) status = compare_cpu(env, draw, (void *const[2]){&pair[0], &pair[1]}, time);
     if (!status) {
         bench_begin(env, "picture_textured");
         bench_number("vertices", t->mesh.n_vertex);
         bench_number("images", t->mesh.n_image);
-        bench_number("textured_ms", time[0].median * 1e3);
-        bench_number("untextured_ms", time[1].median * 1e3);
-        bench_number("ratio", time[0].median / time[1].median);
+        bench_number("textured_cpu_ms", time[0] * 1e3);
+        bench_number("untextured_cpu_ms", time[1] * 1e3);
+        bench_number("ratio", time[0] / time[1]);
         bench_number("target_at_most", 1.5);
         bench_end();
     }
@@ -148,7 +174,7 @@ static int edit_object(struct bench_env *env)
     struct prt_file *file = NULL;
     struct prt_cube cube = {0};
     struct edit pair[2] = {{0}};
-    struct bench_time time[2];
+    double time[2];
     int status = open_file(env, "edit_object", &file);
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(file);
@@ -164,14 +190,14 @@ static int edit_object(struct bench_env *env)
         if (!pair[i].media || !pair[i].color) status = PRT_NOMEM;
     }
     if (!status)
-        status = bench_compare(env, edit_once, (void *const[2]){&pair[0], &pair[1]}, time);
+        status = compare_cpu(env, edit_once, (void *const[2]){&pair[0], &pair[1]}, time);
     if (!status) {
         bench_begin(env, "edit_object");
         bench_number("vertices", t->mesh.n_vertex);
         bench_number("media", t->media.n);
-        bench_number("by_object_ms", time[0].median * 1e3);
-        bench_number("one_medium_ms", time[1].median * 1e3);
-        bench_number("ratio", time[0].median / time[1].median);
+        bench_number("by_object_cpu_ms", time[0] * 1e3);
+        bench_number("one_medium_cpu_ms", time[1] * 1e3);
+        bench_number("ratio", time[0] / time[1]);
         bench_number("target_at_most", 1.2);
         bench_end();
     }
