@@ -93,24 +93,31 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
     return status;
 }
 
+// The object of a vertex, by bisection: blocks partition the vertices in order.
+static uint32_t object_of(const struct prt_mesh *mesh, uint32_t vertex)
+{
+    uint32_t low = 0, high = mesh->n_block;
+    while (high - low > 1) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (mesh->block[middle].vertex_begin <= vertex) low = middle;
+        else high = middle;
+    }
+    return mesh->block[low].object;
+}
+
 int prt_cluster_media(const struct prt_transport *transport, const struct prt_tensor *tensor,
                       const struct prt_media *media, uint8_t **out)
 {
     *out = NULL;
     if (media->n == 1) return PRT_OK;
-    const struct prt_mesh *mesh = &transport->mesh;
-    uint32_t *block = prt_mesh_vertex_blocks(mesh);
     uint8_t *medium = prt_calloc(tensor->n_cluster + 1ull, 1);
-    for (uint32_t c = 0; block && medium && c < tensor->n_cluster; c++) {
+    for (uint32_t c = 0; medium && c < tensor->n_cluster; c++) {
         if (!tensor->cluster[c].n_vertex) continue;
         const uint32_t first = tensor->order[tensor->cluster[c].vertex_begin];
-        medium[c] = (uint8_t)prt_media_index(media, mesh->block[block[first]].object);
+        medium[c] = (uint8_t)prt_media_index(media, object_of(&transport->mesh, first));
     }
-    const bool made = block && medium;
-    prt_free(block);
-    if (made) *out = medium;
-    else prt_free(medium);
-    return made ? PRT_OK : PRT_NOMEM;
+    *out = medium;
+    return medium ? PRT_OK : PRT_NOMEM;
 }
 
 static int check_query(const struct prt_context *ctx, const struct prt_transport *t,

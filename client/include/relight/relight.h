@@ -387,8 +387,8 @@ struct relight_block {
     uint32_t surface_index; /* into relight_geometry.look */
     uint32_t medium;        /* into `media`, of a translucent block */
     const char *node;       /* glTF node's name, may be "" */
-    float gain[3]; /* of an opaque block in relight_geometry_variant: factor of what coefficients
-                      make; else 1 */
+    float gain[3];          /* of an opaque block in relight_geometry_variant: factor of what
+                               coefficients          make; else 1 */
 };
 struct relight_named_camera {
     const char *name;
