@@ -379,10 +379,7 @@ export class Viewer {
   private format(state: SceneState): ColorFormat {
     // Coefficients are of the albedo that was baked; colours are of the variant's.
     const factored =
-      this.factors &&
-      this.coefficients &&
-      state.term !== "irradiance" &&
-      !this.mesh?.gained;
+      this.factors && this.coefficients && state.term !== "irradiance" && !this.mesh?.gained;
     if (factored) return ColorFormat.COLOR_COEFFICIENTS;
     // Planes of a phase function have negative numbers, which RGB9E5 has not.
     return this.scattersEvenly(state) ? ColorFormat.COLOR_RGB9E5 : ColorFormat.COLOR_F16;
