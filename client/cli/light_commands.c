@@ -105,15 +105,21 @@ static int decode(struct relight_client *client, const struct options *o,
 {
     struct relight_factors factors = {0};
     struct relight_model model = {0};
+    struct relight_geometry own = {0}; // whose blocks have a variant's gains
+    const char *variant = o->shade.variant;
     if (colors->format != RELIGHT_COLOR_COEFFICIENTS)
         return relight_colors_decode(colors, 0, rgb);
-    int status = relight_info(client, o->target, &model, error);
+    int status = variant
+                     ? relight_geometry_variant(client, o->target, variant, false, &own, error)
+                     : relight_info(client, o->target, &model, error);
     if (!status) status = relight_factors(client, o->target, 0, &factors, error);
     if (!status)
-        status = relight_coefficients_colors(&factors, colors, 0, model.n_block, model.block,
-                                             rgb, error);
+        status = relight_coefficients_colors(&factors, colors, 0,
+                                             variant ? own.n_block : model.n_block,
+                                             variant ? own.block : model.block, rgb, error);
     relight_factors_finish(&factors);
     relight_model_finish(&model);
+    relight_geometry_finish(&own);
     return status;
 }
 

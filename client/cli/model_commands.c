@@ -204,6 +204,8 @@ int run_info(struct relight_client *client, struct options *options)
             cJSON_AddItemToArray(blocks, block);
         }
         add_cameras(json, &m);
+        cJSON_AddItemToObject(json, "variants",
+                              cJSON_CreateStringArray(m.variant, (int)m.n_variant));
         print_json(json);
     } else {
         printf("%s  %s\n  state: %s", escape(m.id).text, escape(m.name).text,
@@ -231,6 +233,7 @@ int run_info(struct relight_client *client, struct options *options)
         print_line("errors", m.errors);
         for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i, m.n_medium > 1);
         for (size_t i = 0; i < m.n_camera; i++) print_line("camera", m.camera[i].name);
+        for (size_t i = 0; i < m.n_variant; i++) print_line("variant", m.variant[i]);
         for (size_t i = 0; i < m.n_warning; i++) print_line("warning", m.warning[i]);
     }
     relight_model_finish(&m);

@@ -236,8 +236,9 @@ static const struct row {
      "other), delta (differences, black 0 to white 10), or sheet (default: all of them)"},
     {28, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
      "invite: for this time, such as 30d, 12h, 90m or 3600s (default: until it is revoked)"},
-    {9, "variant", "NAME", TEXT, AT(load.variant), 0, 0, NULL, 0,
-     "materials of this variant of the glTF (prt info lists them)"},
+    {9, "variant", "NAME", SPECIAL, 0, 0, 0, NULL, 0,
+     "materials of this variant of the glTF (info lists them; default: the file's own); load: the "
+     "one that is baked"},
     {29, "animation", "NAME", TEXT, AT(animation), 0, 0, NULL, 0,
      "an animation of the glTF by its name or the unique beginning of it (prt info lists them)"},
     {31, "time", "S", REAL, AT(animation_time), 0, 1e9, NULL, 0,
@@ -250,7 +251,7 @@ static const struct row {
 };
 enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj\23"
-#define LIGHT "erGtEgXbm\27"
+#define LIGHT "erGtEgXbm\27\11"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
 #define PICTURE "cz\21qnxB\12aSYyJW\33"
 
@@ -622,6 +623,9 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
     case 'c':
         if (relight_camera_parse(arg, &o->picture.camera, &error))
             argp_error(state, "%s", error.text);
+        return 0;
+    case 9:
+        o->shade.variant = o->load.variant = arg;
         return 0;
     case '\21':
         if (relight_orbit_parse(arg, &o->picture.camera, &error))

@@ -296,7 +296,7 @@ int relight_coefficients_colors(const struct relight_factors *factors,
                                   "coefficients lack what leaves block %zu", i);
         for (uint64_t k = 3 * begin; k < 3 * end && end <= factors->n_vertex; k++) {
             const float sum = out[k] + (block[i].translucent ? single[k] : 0);
-            out[k] = fmaxf(0, outgoing.mean * sum);
+            out[k] = fmaxf(0, outgoing.mean * sum) * block[i].gain[k % 3];
         }
     }
     free(single);

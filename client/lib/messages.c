@@ -136,6 +136,7 @@ int relight_put_shade(struct request_parts *parts, const struct relight_shade *s
     m->normal_map = relight_text(shade->normal_map);
     m->bump_map = relight_text(shade->bump_map);
     m->bump_mm = shade->bump_mm;
+    m->variant = relight_text(shade->variant);
     if (shade->has_eye) {
         parts->shade_eye = vec3(shade->eye);
         m->eye = &parts->shade_eye;
@@ -311,6 +312,8 @@ int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                                           .n_vertex = m->n_vertex,
                                           .triangle_begin = m->triangle_begin,
                                           .n_triangle = m->n_triangle};
+        for (int c = 0; c < 3; c++) block[i].gain[c] = 1;
+        if (m->gain) get_vec3(m->gain, block[i].gain);
         get_vec3(m->base_color, block[i].base_color);
         block[i].surface_index = m->surface_index;
         block[i].medium = m->medium;

@@ -324,6 +324,8 @@ int relight_info(struct relight_client *client, const char *model, struct religh
     out->n_block = a->n_blocks;
     out->n_medium = a->n_media;
     out->medium = (const char *const *)a->media;
+    out->n_variant = a->n_variants;
+    out->variant = (const char *const *)a->variants;
     if (relight_get_blocks(owner, a->n_blocks, a->blocks, &out->block) ||
         get_cameras(owner, a, out)) {
         relight_owner_free(owner);
@@ -444,14 +446,15 @@ static bool geometry_fits(const Relight__GeometryAnswer *a, const struct answer 
 }
 
 static int geometry(struct relight_client *client, const char *model, const char *pose,
-                    bool own_units, bool textures, struct relight_geometry *out,
-                    struct relight_error *error)
+                    const char *variant, bool own_units, bool textures,
+                    struct relight_geometry *out, struct relight_error *error)
 {
     Relight__GeometryRequest m = RELIGHT__GEOMETRY_REQUEST__INIT;
     struct answer *answer;
     m.model = relight_text(model);
     m.own_units = own_units;
     m.pose = relight_text(pose);
+    m.variant = relight_text(variant);
     m.textures = textures;
     int status = relight_call(client, RELIGHT_TYPE_GEOMETRY, &m.base, &answer, error);
     if (status) return status;
@@ -492,20 +495,27 @@ static int geometry(struct relight_client *client, const char *model, const char
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error)
 {
-    return geometry(client, model, NULL, own_units, false, out, error);
+    return geometry(client, model, NULL, NULL, own_units, false, out, error);
+}
+
+int relight_geometry_variant(struct relight_client *client, const char *model,
+                             const char *variant, bool own_units, struct relight_geometry *out,
+                             struct relight_error *error)
+{
+    return geometry(client, model, NULL, variant, own_units, true, out, error);
 }
 
 int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
                               struct relight_geometry *out, struct relight_error *error)
 {
-    return geometry(client, model, NULL, own_units, true, out, error);
+    return geometry(client, model, NULL, NULL, own_units, true, out, error);
 }
 
 int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
                            bool own_units, struct relight_geometry *out,
                            struct relight_error *error)
 {
-    return geometry(client, model, pose, own_units, false, out, error);
+    return geometry(client, model, pose, NULL, own_units, false, out, error);
 }
 
 void relight_geometry_finish(struct relight_geometry *geometry)

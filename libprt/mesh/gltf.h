@@ -46,8 +46,8 @@ struct gltf {
     size_t mesh_index;                // of the mesh being read, for messages
     struct cJSON *json;    // the file's materials, textures and images; NULL: it has none
     uint32_t *image_index; // [n_json_image][PRT_TEXTURE_N_KIND] into d->image; see gltf_image.c
-    int variant;           // index of KHR_materials_variants; -1: none
-    const struct cJSON **json_mesh; // [n_mesh] with a variant
+    uint32_t variant;      // the chosen one of KHR_materials_variants; n_variant: none
+    const struct cJSON **json_mesh; // [n_mesh] where there are variants
     struct gltf_pose *pose;         // gltf_pose.h; NULL: the bind pose
     uint32_t n_channel_skipped;
     uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat; // counts for the notes
@@ -102,8 +102,9 @@ void prt_gltf_textures_end(struct gltf *g);
 
 // Lists the file's variants and chooses d->variant. PRT_ARG for an unknown name.
 int prt_gltf_variants(struct gltf *g);
-// The material of a primitive of mesh g->mesh_index in the variant; its own without one.
-int64_t prt_gltf_variant_material(const struct gltf *g, size_t primitive, int64_t own);
+// After a block was added for a primitive of mesh g->mesh_index, whose own material is `own`
+// (in [0, n_material]): its surfaces in all variants; the block takes the chosen variant's.
+int prt_gltf_variant_surfaces(struct gltf *g, size_t primitive, size_t own, bool opaque);
 
 // The surface of material `index` (n_material: none given), added at first use.
 int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);

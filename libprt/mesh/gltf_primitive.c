@@ -286,13 +286,13 @@ static int finish_primitive(struct gltf *g, int64_t given, const struct instance
         g->n_flat += det == 0;
         status = add_triangles(g, c, mode);
     }
-    if (!status)
-        material = (uint64_t)prt_gltf_variant_material(g, at->primitive, (int64_t)material);
     if (!status) status = prt_gltf_surface(g, (size_t)material, at->opaque, &surface);
+    if (!status)
+        status =
+            prt_draft_block(g->d, (struct prt_block){at->object, surface, c->first, c->n_vertex,
+                                                     before, g->d->n_triangle - before});
     return status ? status
-                  : prt_draft_block(g->d, (struct prt_block){at->object, surface, c->first,
-                                                             c->n_vertex, before,
-                                                             g->d->n_triangle - before});
+                  : prt_gltf_variant_surfaces(g, at->primitive, (size_t)material, at->opaque);
 }
 
 static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// KHR_materials_variants: their names, and the material that a primitive has in one of them.
+// KHR_materials_variants: their names, and the surface that a primitive has in each of them.
 #include "gltf.h"
 
 #include <cjson/cJSON.h>
@@ -44,27 +44,20 @@ static void list_names(struct gltf *g)
 
 static int choose(struct gltf *g)
 {
-    const struct prt_draft *d = g->d;
-    const char *name[PRT_MESH_MOST_VARIANTS];
-    char say[640];
-    for (uint32_t i = 0; i < d->n_variant; i++) name[i] = d->variants[i].name;
-    if (!d->n_variant)
-        return prt_fail(d->ctx, PRT_ARG, "%s has no variants: leave --variant out", d->name);
-    g->variant = prt_name_choose(d->variant, name, d->n_variant, say, sizeof say);
-    if (g->variant >= 0) return PRT_OK;
-    return prt_fail(d->ctx, PRT_ARG, "%s has no variant \"%.63s\"%s%s", d->name, d->variant,
-                    *say ? "; " : "", say);
+    struct prt_draft *d = g->d;
+    const struct prt_mesh names = {.variant = d->variants, .n_variant = d->n_variant};
+    g->variant = d->n_variant;
+    if (!d->variant) return PRT_OK;
+    return prt_mesh_variant_find(d->ctx, d->name, &names, d->variant, &g->variant);
 }
 
 int prt_gltf_variants(struct gltf *g)
 {
     const cJSON *mesh;
     size_t i = 0;
-    g->variant = -1;
     list_names(g);
-    if (!g->d->variant) return PRT_OK;
     int status = choose(g);
-    if (status) return status;
+    if (status || !g->d->n_variant) return status;
     g->json_mesh = prt_gltf_own(g, g->file.n_mesh * sizeof *g->json_mesh);
     if (!g->json_mesh) return prt_gltf_no_memory(g);
     cJSON_ArrayForEach(mesh, member(g->json, "meshes"))
@@ -74,24 +67,45 @@ int prt_gltf_variants(struct gltf *g)
     return PRT_OK;
 }
 
-int64_t prt_gltf_variant_material(const struct gltf *g, size_t primitive, int64_t own)
+// Whether a mapping of a primitive is for the variant, and to a material that exists.
+static bool maps_to(const struct gltf *g, const cJSON *mapping, uint32_t variant)
 {
-    const cJSON *mapping, *index, *list;
-    if (g->variant < 0) return own;
-    const cJSON *p =
-        cJSON_GetArrayItem(member(g->json_mesh[g->mesh_index], "primitives"), (int)primitive);
-    cJSON_ArrayForEach(mapping, in_extension(p, "mappings"))
+    const cJSON *index, *material = member(mapping, "material");
+    if (!cJSON_IsNumber(material) || !(material->valuedouble >= 0) ||
+        !(material->valuedouble < (double)g->file.n_material))
+        return false;
+    cJSON_ArrayForEach(index, member(mapping, "variants"))
     {
-        const cJSON *material = member(mapping, "material");
-        list = member(mapping, "variants");
-        cJSON_ArrayForEach(index, list)
-        {
-            if (!cJSON_IsNumber(index) || index->valuedouble != (double)g->variant ||
-                !cJSON_IsNumber(material) || !(material->valuedouble >= 0) ||
-                !(material->valuedouble < (double)g->file.n_material))
-                continue;
-            return (int64_t)material->valuedouble;
-        }
+        if (cJSON_IsNumber(index) && index->valuedouble == (double)variant) return true;
+    }
+    return false;
+}
+
+static size_t material_in(const struct gltf *g, const cJSON *primitive, uint32_t variant,
+                          size_t own)
+{
+    const cJSON *mapping;
+    cJSON_ArrayForEach(mapping, in_extension(primitive, "mappings"))
+    {
+        if (maps_to(g, mapping, variant))
+            return (size_t)member(mapping, "material")->valuedouble;
     }
     return own;
+}
+
+int prt_gltf_variant_surfaces(struct gltf *g, size_t primitive, size_t own, bool opaque)
+{
+    struct prt_draft *d = g->d;
+    if (!d->n_variant) return PRT_OK;
+    const cJSON *p =
+        cJSON_GetArrayItem(member(g->json_mesh[g->mesh_index], "primitives"), (int)primitive);
+    uint32_t *row = prt_draft_variant_row(d);
+    if (!row) return prt_gltf_no_memory(g);
+    for (uint32_t i = 0; i <= d->n_variant; i++) {
+        const size_t material = i < d->n_variant ? material_in(g, p, i, own) : own;
+        int status = prt_gltf_surface(g, material, opaque, &row[i]);
+        if (status) return status;
+    }
+    d->block[d->n_block - 1].surface = row[g->variant];
+    return PRT_OK;
 }

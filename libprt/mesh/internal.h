@@ -34,6 +34,8 @@ struct prt_draft {
     const char *variant; // of materials; NULL: the file's own
     struct prt_mesh_variant variants[PRT_MESH_MOST_VARIANTS];
     uint32_t n_variant;
+    uint32_t *variant_surface; // [n_block][n_variant + 1]
+    uint32_t cap_variant_surface;
     bool has_uv, units_known;
     // textures
     bool no_textures, has_color, has_maps;
@@ -55,6 +57,8 @@ struct prt_draft {
 int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first);
 int prt_draft_triangle(struct prt_draft *d, uint32_t a, uint32_t b, uint32_t c);
 int prt_draft_block(struct prt_draft *d, struct prt_block block);
+// The row of the last block in variant_surface, for the caller to fill. NULL without memory.
+uint32_t *prt_draft_variant_row(struct prt_draft *d);
 // The next object: block.object is d->n_object - 1 afterwards. name may be NULL.
 int prt_draft_object(struct prt_draft *d, const char *name);
 int prt_draft_surface(struct prt_draft *d, const struct prt_surface *s, uint32_t *index);

@@ -104,7 +104,7 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
     if (d.max_triangles > 1u << 29) d.max_triangles = 1u << 29;
     int status = read_any(&d, file->bytes, file->size);
     if (!status && d.variant && !d.n_variant)
-        status = prt_fail(ctx, PRT_ARG, "%s has no variants: leave --variant out", r->name);
+        status = prt_fail(ctx, PRT_ARG, "%s has no variants: leave the variant out", r->name);
     if (!status && d.animation && !d.n_animation)
         status = prt_fail(ctx, PRT_ARG, "%s has no animations: leave --animation out", r->name);
     if (!status && !d.n_triangle)

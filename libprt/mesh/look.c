@@ -7,7 +7,7 @@
 
 bool prt_mesh_has_look(const struct prt_mesh *mesh)
 {
-    return mesh->maps || mesh->color;
+    return mesh->maps || mesh->color || mesh->gain;
 }
 
 void prt_mesh_footprint(const struct prt_mesh *mesh, uint32_t triangle, const float step[3],
@@ -140,6 +140,7 @@ void prt_mesh_look(const struct prt_mesh *mesh, uint32_t triangle, uint32_t bloc
     *out = (struct prt_look){.base = {1, 1, 1, 1}, .roughness = -1, .occlusion = 1};
     memcpy(out->normal, normal, sizeof out->normal);
     find_base(&p, &mesh->surface[s], maps ? &maps->map[PRT_MAP_BASE] : NULL, out->base);
+    for (int c = 0; c < 3 && mesh->gain; c++) out->base[c] *= mesh->gain[block][c];
     if (!maps) return;
     turn_normal(&p, &maps->map[PRT_MAP_NORMAL], out);
     out->metallic = maps->metallic;

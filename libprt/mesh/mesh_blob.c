@@ -37,6 +37,7 @@ enum {
     CAMERA,
     ANIMATION,
     VARIANT,
+    VARIANT_SURFACE,
     N_PART
 };
 struct layout {
@@ -64,7 +65,8 @@ static struct layout layout_of(const struct block_header *h)
         h->texel_bytes,
         h->n_camera * sizeof(struct prt_mesh_camera),
         h->n_animation * sizeof(struct prt_mesh_animation),
-        h->n_variant * sizeof(struct prt_mesh_variant)};
+        h->n_variant * sizeof(struct prt_mesh_variant),
+        h->n_variant ? h->n_block * (h->n_variant + 1) * sizeof(uint32_t) : 0};
     struct layout l;
     l.at[0] = HEADER;
     for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
@@ -130,6 +132,9 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
     memcpy(bytes + l.at[CAMERA], d->camera, d->n_camera * sizeof *d->camera);
     memcpy(bytes + l.at[ANIMATION], d->animations, d->n_animation * sizeof *d->animations);
     memcpy(bytes + l.at[VARIANT], d->variants, d->n_variant * sizeof *d->variants);
+    if (d->n_variant)
+        memcpy(bytes + l.at[VARIANT_SURFACE], d->variant_surface,
+               d->n_block * (d->n_variant + 1) * sizeof *d->variant_surface);
     pack_textures(d, &l, bytes);
     *out = (struct prt_blob){bytes, l.at[N_PART]};
     return PRT_OK;
@@ -174,8 +179,28 @@ static bool animations_ok(const struct prt_mesh *m)
         if (!memchr(m->animation[i].name, 0, sizeof m->animation[i].name) ||
             !(m->animation[i].duration_s >= 0 && m->animation[i].duration_s <= 1e9f))
             return false;
+    return true;
+}
+
+bool prt_mesh_variants_ok(const struct prt_mesh *m)
+{
     for (uint32_t i = 0; i < m->n_variant; i++)
         if (!memchr(m->variant[i].name, 0, sizeof m->variant[i].name)) return false;
+    const uint64_t n = m->n_variant ? (uint64_t)m->n_block * (m->n_variant + 1) : 0;
+    for (uint64_t i = 0; i < n; i++)
+        if (m->variant_surface[i] >= m->n_surface) return false;
+    return m->n_variant <= PRT_MESH_MOST_VARIANTS;
+}
+
+bool prt_mesh_volumes_ok(const struct prt_mesh *m)
+{
+    for (uint32_t i = 0; m->volume && i < m->n_surface; i++) {
+        const struct prt_volume *v = &m->volume[i];
+        if (v->kind > PRT_VOLUME_SCATTER || !(v->distance >= 0 && v->distance <= 1e9f) ||
+            !finite_within(v->color, 3, 1) || !finite_within(v->albedo, 3, 1) ||
+            !(fabsf(v->g) <= 0.951f))
+            return false;
+    }
     return true;
 }
 
@@ -226,12 +251,6 @@ static bool textures_ok(const struct prt_mesh *m)
         ok &= prt_texture_image_valid(&m->image[i], m->texel_bytes);
     for (uint32_t i = 0; m->maps && i < m->n_surface; i++)
         ok &= prt_surface_maps_valid(&m->maps[i], m->n_image, PRT_TEXTURE_MAX_UV);
-    for (uint32_t i = 0; m->volume && i < m->n_surface; i++) {
-        const struct prt_volume *v = &m->volume[i];
-        ok &= v->kind <= PRT_VOLUME_SCATTER && v->distance >= 0 && v->distance <= 1e9f &&
-              finite_within(v->color, 3, 1) && finite_within(v->albedo, 3, 1) &&
-              fabsf(v->g) <= 0.951f;
-    }
     return ok;
 }
 
@@ -271,13 +290,15 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
                            .animation = h.n_animation ? (void *)(b + l.at[ANIMATION]) : NULL,
                            .n_animation = h.n_animation,
                            .variant = h.n_variant ? (void *)(b + l.at[VARIANT]) : NULL,
+                           .variant_surface =
+                               h.n_variant ? (void *)(b + l.at[VARIANT_SURFACE]) : NULL,
                            .n_variant = h.n_variant};
     open_textures(m, &h, &l, b);
     bool ok = finite_within(m->position[0], (size_t)m->n_vertex * 3, 1e15f) &&
               finite_within(m->normal[0], (size_t)m->n_vertex * 3, 1.001f) &&
               (!m->uv || finite_within(m->uv[0], (size_t)m->n_vertex * 2, 3e38f)) &&
               surfaces_ok(m) && blocks_ok(m) && textures_ok(m) && prt_mesh_cameras_ok(m) &&
-              animations_ok(m);
+              animations_ok(m) && prt_mesh_variants_ok(m) && prt_mesh_volumes_ok(m);
     if (!ok) {
         prt_free(m);
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",

@@ -88,6 +88,15 @@ int prt_draft_block(struct prt_draft *d, struct prt_block block)
     return PRT_OK;
 }
 
+uint32_t *prt_draft_variant_row(struct prt_draft *d)
+{
+    const uint64_t width = d->n_variant + 1ull, end = width * d->n_block;
+    if (!grow((void **)&d->variant_surface, &d->cap_variant_surface, end,
+              sizeof *d->variant_surface))
+        return NULL;
+    return d->variant_surface + (end - width);
+}
+
 int prt_draft_object(struct prt_draft *d, const char *name)
 {
     if (!grow((void **)&d->object, &d->cap_object, (uint64_t)d->n_object + 1,
@@ -135,6 +144,7 @@ void prt_draft_finish(struct prt_draft *d)
     free(d->corner_uv);
     free(d->maps);
     free(d->volume);
+    free(d->variant_surface);
     for (uint32_t i = 0; i < d->n_image; i++) prt_free(d->texel[i]);
     free(d->texel);
     free(d->image);

@@ -61,15 +61,34 @@ static int fill(void *arg, size_t begin, size_t end, unsigned worker)
                       db, n, &look);
         float tint = g->opaque[i] ? 1 : prt_mesh_tint(job->mesh, look.base);
         for (int k = 0; k < 3; k++) {
-            g->base[k][i] = look.base[k] / tint;
-            g->turned[k][i] = look.normal[k];
-            g->emission[k][i] = look.emission[k];
+            if (g->base[k]) g->base[k][i] = look.base[k] / tint;
+            if (g->turned[k]) g->turned[k][i] = look.normal[k];
+            if (g->emission[k]) g->emission[k][i] = look.emission[k];
         }
         g->variance[i] = 1 - (1 - g->variance[i]) * (1 - look.variance);
-        g->roughness[i] = look.roughness;
-        g->occlusion[i] = look.occlusion;
+        if (g->roughness) g->roughness[i] = look.roughness;
+        if (g->occlusion) g->occlusion[i] = look.occlusion;
     }
     return PRT_OK;
+}
+
+// Which parts of a look the mesh has: a part that it lacks costs a picture nothing.
+struct parts {
+    bool base, normal, roughness, occlusion, emission;
+};
+
+static struct parts parts_of(const struct prt_mesh *mesh)
+{
+    struct parts has = {.base = mesh->color || mesh->gain};
+    for (uint32_t b = 0; mesh->maps && b < mesh->n_block; b++) {
+        const struct prt_surface_maps *m = &mesh->maps[mesh->block[b].surface];
+        has.base |= m->map[PRT_MAP_BASE].image != UINT32_MAX;
+        has.normal |= m->map[PRT_MAP_NORMAL].image != UINT32_MAX;
+        has.roughness |= m->map[PRT_MAP_ROUGHNESS].image != UINT32_MAX;
+        has.occlusion |= m->map[PRT_MAP_OCCLUSION].image != UINT32_MAX;
+        for (int c = 0; c < 3; c++) has.emission |= m->emissive[c] > 0;
+    }
+    return has;
 }
 
 int prt_raster_look(const struct prt_context *ctx, const struct prt_mesh *mesh,
@@ -77,12 +96,20 @@ int prt_raster_look(const struct prt_context *ctx, const struct prt_mesh *mesh,
 {
     struct prt_gbuffer *g = &vis->g;
     struct job job = {mesh, vis};
-    float **array[] = {&g->base[0],     &g->base[1],     &g->base[2],    &g->turned[0],
-                       &g->turned[1],   &g->turned[2],   &g->roughness,  &g->occlusion,
-                       &g->emission[0], &g->emission[1], &g->emission[2]};
+    const struct parts has = parts_of(mesh);
+    const struct {
+        bool wanted;
+        float **array;
+    } row[] = {{has.base, &g->base[0]},         {has.base, &g->base[1]},
+               {has.base, &g->base[2]},         {has.normal, &g->turned[0]},
+               {has.normal, &g->turned[1]},     {has.normal, &g->turned[2]},
+               {has.roughness, &g->roughness},  {has.occlusion, &g->occlusion},
+               {has.emission, &g->emission[0]}, {has.emission, &g->emission[1]},
+               {has.emission, &g->emission[2]}};
     if (!prt_mesh_has_look(mesh)) return PRT_OK;
-    for (size_t i = 0; i < sizeof array / sizeof *array; i++)
-        if (!(*array[i] = prt_calloc((size_t)g->n_point + 16, sizeof **array[i])))
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++)
+        if (row[i].wanted &&
+            !(*row[i].array = prt_calloc((size_t)g->n_point + 16, sizeof(float))))
             return prt_fail(ctx, PRT_NOMEM, "raster: no memory for %u points", g->n_point);
     return prt_parallel_for(ctx, NULL, g->n_point, 512, fill, &job);
 }

@@ -93,24 +93,31 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
     return status;
 }
 
+// The object of a vertex, by bisection: blocks partition the vertices in order.
+static uint32_t object_of(const struct prt_mesh *mesh, uint32_t vertex)
+{
+    uint32_t low = 0, high = mesh->n_block;
+    while (high - low > 1) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (mesh->block[middle].vertex_begin <= vertex) low = middle;
+        else high = middle;
+    }
+    return mesh->block[low].object;
+}
+
 int prt_cluster_media(const struct prt_transport *transport, const struct prt_tensor *tensor,
                       const struct prt_media *media, uint8_t **out)
 {
     *out = NULL;
     if (media->n == 1) return PRT_OK;
-    const struct prt_mesh *mesh = &transport->mesh;
-    uint32_t *block = prt_mesh_vertex_blocks(mesh);
     uint8_t *medium = prt_calloc(tensor->n_cluster + 1ull, 1);
-    for (uint32_t c = 0; block && medium && c < tensor->n_cluster; c++) {
+    for (uint32_t c = 0; medium && c < tensor->n_cluster; c++) {
         if (!tensor->cluster[c].n_vertex) continue;
         const uint32_t first = tensor->order[tensor->cluster[c].vertex_begin];
-        medium[c] = (uint8_t)prt_media_index(media, mesh->block[block[first]].object);
+        medium[c] = (uint8_t)prt_media_index(media, object_of(&transport->mesh, first));
     }
-    const bool made = block && medium;
-    prt_free(block);
-    if (made) *out = medium;
-    else prt_free(medium);
-    return made ? PRT_OK : PRT_NOMEM;
+    *out = medium;
+    return medium ? PRT_OK : PRT_NOMEM;
 }
 
 static int check_query(const struct prt_context *ctx, const struct prt_transport *t,
@@ -763,9 +770,9 @@ static void shade_vertex(const struct shade_job *job, size_t v, uint32_t medium,
 }
 
 // Shades the vertices of one block. Without an eye only plane 0 (l = 0) is used. The colours
-// may overwrite plane 0.
+// may overwrite plane 0. gain: factors of an opaque block's channels; NULL: 1.
 static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
-                        uint32_t object, bool translucent)
+                        uint32_t object, bool translucent, const float *gain)
 {
     const struct answer *a = job->a;
     const bool total = a->query->term == PRT_ANSWER_TOTAL;
@@ -783,19 +790,22 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
         const float x = plane[i] * transmittance;
         color[i] = x > 0 ? x : 0;
     }
+    for (size_t i = 3 * begin_v; gain && !translucent && i < 3 * end; i++)
+        color[i] *= gain[i % 3];
 }
 
 // Shades vertices [begin_v, end). Blocks partition the vertices in order.
 static void shade_vertices(const struct shade_job *job, size_t begin_v, size_t end)
 {
     const struct prt_mesh *mesh = &job->a->transport->mesh;
+    const float(*gain)[3] = job->a->query->gain;
     for (uint32_t i = 0; i < mesh->n_block; i++) {
         const struct prt_block *b = &mesh->block[i];
         const size_t from = b->vertex_begin > begin_v ? b->vertex_begin : begin_v;
         const size_t stop = b->vertex_begin + (size_t)b->n_vertex;
         if (from < end && from < stop)
             shade_block(job, from, stop < end ? stop : end, b->object,
-                        mesh->surface[b->surface].translucent);
+                        mesh->surface[b->surface].translucent, gain ? gain[i] : NULL);
     }
 }
 
@@ -880,6 +890,21 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     return status;
 }
 
+// The gain of parts that are sent apart; planes of pictures have it in their look.
+static void gain_parts(const struct answer *a)
+{
+    const struct prt_mesh *mesh = &a->transport->mesh;
+    const float(*gain)[3] = a->query->most_apart ? a->query->gain : NULL;
+    for (uint32_t i = 0; gain && i < mesh->n_block; i++) {
+        const struct prt_block *b = &mesh->block[i];
+        if (mesh->surface[b->surface].translucent) continue;
+        for (unsigned k = 0; k < a->n_plane; k++) {
+            float *plane = a->planes + 3 * (k * a->n_vertex + b->vertex_begin);
+            for (size_t v = 0; v < 3 * (size_t)b->n_vertex; v++) plane[v] *= gain[i][v % 3];
+        }
+    }
+}
+
 int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
                     unsigned n, const struct prt_query query[], const bool planes[],
                     float *const out[], const struct prt_colors_sink *sink)
@@ -898,6 +923,8 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
     }
     if (!status) status = fill_answers(a, n);
     if (!status) status = shade_colors(a, n, planes, out, sink);
+    for (unsigned i = 0; i < n && !status; i++)
+        if (planes[i]) gain_parts(&a[i]);
     for (unsigned i = 0; i < n; i++) drop_planes(&a[i], out[i]);
     return status;
 }

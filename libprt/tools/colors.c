@@ -46,6 +46,7 @@ static int answer(struct tool *tool, const struct source *source, const struct p
         .exit = exit_option(&tool->opt),
     };
     if (source->media_given) query.media = source->media;
+    if (source->variant) query.gain = (const float(*)[3])source->variant->mesh.gain;
     return tool_exit(tool, prt_answer_colors(&tool->ctx, source->transport, &query, color));
 }
 

@@ -131,12 +131,45 @@ static void add_cameras(cJSON *root, const struct prt_mesh *mesh)
     }
 }
 
-// Names for --variant; durations in seconds by name, for --animation and --time.
-static void add_animations(cJSON *root, const struct prt_mesh *mesh)
+// Names for --variant.
+static void add_variants(cJSON *root, const struct prt_mesh *mesh)
 {
     cJSON *variants = mesh->n_variant ? cJSON_AddArrayToObject(root, "variants") : NULL;
     for (uint32_t i = 0; i < mesh->n_variant; i++)
         cJSON_AddItemToArray(variants, cJSON_CreateString(mesh->variant[i].name));
+}
+
+enum { MAX_LINE = 512 };
+
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(user, MAX_LINE, "%s", line);
+}
+
+// Why the .prt does not answer for some of its variants, by name.
+static void add_own_bakes(cJSON *root, const char *path, const struct prt_transport *t)
+{
+    cJSON *list = NULL;
+    for (uint32_t i = 0; i < t->mesh.n_variant; i++) {
+        char line[MAX_LINE] = "";
+        const struct prt_context ctx = {.log = keep_line, .log_user = line};
+        struct prt_variant *view = NULL;
+        (void)prt_variant_create(&ctx, path, &t->mesh, &t->media,
+                                 t->engine == PRT_TRANSPORT_WAVELET ? PRT_VARIANT_OF_FIXED
+                                                                    : PRT_VARIANT_OF_FREE,
+                                 t->mesh.variant[i].name, &view);
+        if (view) {
+            prt_variant_destroy(view);
+            continue;
+        }
+        if (!list) list = cJSON_AddObjectToObject(root, "variants_not_baked");
+        cJSON_AddStringToObject(list, t->mesh.variant[i].name, line);
+    }
+}
+
+// Durations in seconds by name, for --animation and --time.
+static void add_animations(cJSON *root, const struct prt_mesh *mesh)
+{
     cJSON *list = mesh->n_animation ? cJSON_AddObjectToObject(root, "animations_s") : NULL;
     for (uint32_t i = 0; i < mesh->n_animation; i++)
         cJSON_AddNumberToObject(list, mesh->animation[i].name,
@@ -331,6 +364,8 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     cJSON_AddStringToObject(root, "mesh_hash", hash);
     add_mesh(root, &t->mesh);
     add_cameras(root, &t->mesh);
+    add_variants(root, &t->mesh);
+    add_own_bakes(root, path, t);
     cJSON *tensors = cJSON_AddArrayToObject(root, "tensors");
     for (uint32_t i = 0; i < t->n_tensor && !status; i++)
         status = add_tensor(tool, tensors, t, &t->tensor[i], &total);
@@ -385,6 +420,7 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
     add_mesh(root, mesh);
     add_media(tool, root, mesh);
     add_cameras(root, mesh);
+    add_variants(root, mesh);
     add_animations(root, mesh);
     prt_mesh_destroy(mesh);
     return EXIT_DONE;

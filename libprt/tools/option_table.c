@@ -80,7 +80,8 @@ const struct option_row option_table[] = {
      "compare weighs those that it sees"},
     {"variant", 0, "NAME", OPTION_TEXT, AT(variant), 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
      "materials of this variant of a glTF (KHR_materials_variants), by its name or a unique "
-     "beginning of it (prt info lists them)"},
+     "beginning of it (prt info lists them; default: the file's own); of a .prt, a variant that "
+     "leaves alone what was baked"},
     {"animation", 0, "NAME", OPTION_TEXT, AT(animation), 0, 0, NULL, COLORS | IMAGE,
      "an animation of a glTF by its name or a unique beginning of it (prt info lists them): "
      "nodes, skins and morph targets at --time; without it the bind pose"},

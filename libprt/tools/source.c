@@ -71,6 +71,26 @@ static void report_no_single(const struct tool *tool, const struct source *sourc
             "%s was baked without single scattering, which is 0", source->path);
 }
 
+// The .prt as --variant has it: an engine of its own answers where the transport does not.
+static int open_variant(struct tool *tool, struct source *source)
+{
+    const struct options *o = &tool->opt;
+    const struct prt_transport *t = source->transport;
+    const bool baked =
+        !o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, source_engine_name(t));
+    const enum prt_variant_of of = !baked                               ? PRT_VARIANT_OF_MODEL
+                                   : t->engine == PRT_TRANSPORT_WAVELET ? PRT_VARIANT_OF_FIXED
+                                                                        : PRT_VARIANT_OF_FREE;
+    int status = prt_variant_create(&tool->ctx, source->path, source->mesh, &source->media, of,
+                                    o->variant, &source->variant);
+    if (status) // wrong text on the command line, or a variant that was not baked
+        return status == PRT_ARG ? EXIT_USAGE : tool_exit(tool, status);
+    source->mesh = &source->variant->mesh;
+    source->media = *source->variant->media;
+    source->media_given = of == PRT_VARIANT_OF_FREE && !source->variant->plain;
+    return EXIT_DONE;
+}
+
 static int open_prt(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
@@ -79,12 +99,6 @@ static int open_prt(struct tool *tool, struct source *source)
             o,
             "%s is a .prt, which carries its own scale, axes and surfaces: leave "
             "--size-mm, --mm-per-unit, --up and --opaque out",
-            source->path);
-    if (o->variant)
-        return usage_error(
-            o,
-            "%s is a .prt, which holds one variant: leave --variant out, or bake "
-            "the other one",
             source->path);
     if (o->animation)
         return usage_error(o,
@@ -102,6 +116,7 @@ static int open_prt(struct tool *tool, struct source *source)
     source->mesh = &source->transport->mesh;
     source->media = source->transport->media;
     report_no_single(tool, source);
+    if (o->variant && (status = open_variant(tool, source))) return status;
     if (!o->n_material) return EXIT_DONE;
     if (source->transport->engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o,
@@ -210,7 +225,9 @@ void source_close(struct source *source)
     if (source->file) prt_file_close(source->file);
     if (source->loaded) prt_mesh_destroy(source->loaded);
     prt_free(source->made);
+    prt_variant_destroy(source->variant);
     source->made = NULL;
+    source->variant = NULL;
     source->file = NULL;
     source->loaded = NULL;
 }

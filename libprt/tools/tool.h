@@ -13,6 +13,7 @@
 #include "prt/reference.h"
 #include "prt/relight.h"
 #include "prt/transport.h"
+#include "prt/variant.h"
 #include "vertex_file.h"
 
 /* Exit statuses of the command contract. */
@@ -109,13 +110,14 @@ struct source {
                                               zeroed: none */
     bool media_given;                      /* by --material */
     struct prt_media *made;                /* memory of media, or NULL */
+    struct prt_variant *variant;           /* of a .prt: --variant; `mesh` is its mesh */
 };
 /* Another program's material and its medium as JSON; the caller deletes it. */
 struct cJSON *describe_import(const struct prt_import *item);
 /* Makes source->media of a model from --material and the file's own materials, and divides
  * objects of several media. fallback: as source_open. Returns an exit status. */
 int source_media(struct tool *tool, struct source *source, const struct prt_material *fallback);
-/* The same of a .prt: --material in place of baked media. */
+/* The same of a .prt: --material in place of baked media, or of its variant's. */
 int source_media_edit(struct tool *tool, struct source *source);
 /* Opens SOURCE and checks it by the contract. fallback: the medium of a model's objects that
  * neither --material nor the file gives one; NULL: wrong usage. Returns an exit status. */

@@ -96,6 +96,15 @@ static int check_blocks(const struct check *c, const struct prt_mesh *m)
     return PRT_OK;
 }
 
+static int check_variants(const struct check *c, const struct prt_mesh *m)
+{
+    if (m->n_variant && (!m->variant || !m->variant_surface))
+        return bad(c, "an array of its variants is missing");
+    if (!prt_mesh_variants_ok(m) || !prt_mesh_volumes_ok(m))
+        return bad(c, "its variants are damaged");
+    return PRT_OK;
+}
+
 static int check_textures(const struct check *c, const struct prt_mesh *m)
 {
     if (!in_unit(m->texture_split)) return bad(c, "its texture split is outside [0,1]");
@@ -137,7 +146,7 @@ static int check_mesh(const struct check *c)
     if (m->n_weld > m->n_vertex || !below(m->weld, m->n_vertex, m->n_weld))
         return bad(c, "the mesh's weld map is out of range");
     if ((status = check_surfaces(c, m)) || (status = check_blocks(c, m)) ||
-        (status = check_textures(c, m)))
+        (status = check_variants(c, m)) || (status = check_textures(c, m)))
         return status;
     return PRT_OK;
 }

@@ -67,6 +67,10 @@ enum format_section_type {
     SECTION_MEDIA,     // the second medium and so on
     SECTION_MEDIUM_OF, // a byte an object
     SECTION_BLOCKED,   // sky that the model hides from its vertices
+    // of KHR_materials_variants; files without them have none of these
+    SECTION_VARIANT,         // names
+    SECTION_VARIANT_SURFACE, // surface of each block in each variant
+    SECTION_VOLUME,          // insides of the surfaces, from which variants have their media
 };
 
 struct format_section {
@@ -114,6 +118,8 @@ _Static_assert(sizeof(struct prt_texture_image) == 48, "texture image");
 _Static_assert(sizeof(struct prt_surface_maps) == 5 * 36 + 16, "surface maps");
 _Static_assert(sizeof(struct prt_mesh_camera) == 104, "camera");
 _Static_assert(sizeof(struct prt_object) == 64, "object");
+_Static_assert(sizeof(struct prt_mesh_variant) == 64, "variant");
+_Static_assert(sizeof(struct prt_volume) == 36, "volume");
 _Static_assert(sizeof(struct prt_cluster) == 24, "cluster");
 
 static inline uint64_t format_padded(uint64_t bytes)

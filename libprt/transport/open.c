@@ -191,6 +191,22 @@ static int take_cameras(struct prt_file *f)
                                   : bad_header(f->ctx, f->name, "its cameras are damaged");
 }
 
+// prt_transport_check holds their numbers to the mesh.
+static int take_variants(struct prt_file *f)
+{
+    struct prt_mesh *m = &f->transport.mesh;
+    const uint64_t bytes = bytes_of(f, SECTION_VARIANT), n = bytes / sizeof *m->variant;
+    if (bytes % sizeof *m->variant || n > PRT_MESH_MOST_VARIANTS)
+        return bad_header(f->ctx, f->name, "its variants are damaged");
+    m->n_variant = (uint32_t)n;
+    TAKE(f, SECTION_VARIANT, 0, bytes, m->variant);
+    TAKE(f, SECTION_VARIANT_SURFACE, 0, n ? sizeof(uint32_t) * m->n_block * (n + 1) : 0,
+         m->variant_surface);
+    if (n && bytes_of(f, SECTION_VOLUME))
+        TAKE(f, SECTION_VOLUME, 0, (uint64_t)sizeof *m->volume * m->n_surface, m->volume);
+    return PRT_OK;
+}
+
 static int take_mesh(struct prt_file *f, const struct format_info *info)
 {
     struct prt_mesh *m = &f->transport.mesh;
@@ -223,6 +239,7 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     if (bytes_of(f, SECTION_OBJECT))
         TAKE(f, SECTION_OBJECT, 0, (uint64_t)sizeof *m->object * m->n_object, m->object);
     int status = take_cameras(f);
+    if (!status) status = take_variants(f);
     return status ? status : take_textures(f, m);
 }
 

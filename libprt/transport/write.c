@@ -30,6 +30,16 @@ static void put(struct layout *l, uint32_t type, uint32_t tensor, const void *by
     l->section[l->n++] = (struct format_section){.type = type, .tensor = tensor, .bytes = n};
 }
 
+static void put_variants(struct layout *l, const struct prt_mesh *m)
+{
+    if (!m->n_variant) return;
+    put(l, SECTION_VARIANT, 0, m->variant, (uint64_t)sizeof *m->variant * m->n_variant);
+    put(l, SECTION_VARIANT_SURFACE, 0, m->variant_surface,
+        (uint64_t)sizeof *m->variant_surface * m->n_block * (m->n_variant + 1));
+    if (m->volume)
+        put(l, SECTION_VOLUME, 0, m->volume, (uint64_t)sizeof *m->volume * m->n_surface);
+}
+
 static void put_mesh(struct layout *l, const struct prt_mesh *m)
 {
     put(l, SECTION_POSITION, 0, m->position, 12ull * m->n_vertex);
@@ -51,6 +61,7 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     if (m->maps) put(l, SECTION_MAPS, 0, m->maps, (uint64_t)sizeof *m->maps * m->n_surface);
     if (m->image) put(l, SECTION_IMAGE, 0, m->image, (uint64_t)sizeof *m->image * m->n_image);
     if (m->texel) put(l, SECTION_TEXEL, 0, m->texel, m->texel_bytes);
+    put_variants(l, m);
 }
 
 static void put_low_rank(struct layout *l, uint32_t i, const struct prt_rows *r)

@@ -282,29 +282,15 @@ static void opened(struct request_wait *wait, struct request *request)
     free(o);
 }
 
-// pose: a name for `get` shape_get, "" otherwise.
-static void with(struct request *request, const char *name, const char *pose_name,
-                 with_model_fn fn,
-                 struct cache_entry *(*get)(struct model *model, int *code, char error[256]))
+// Awaits the entry of the model; NULL: code and error say why there is none.
+static void await_entry(struct request *request, struct model *model, struct cache_entry *file,
+                        int code, char error[256], with_model_fn fn)
 {
-    char error[256];
-    int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
-    struct model *model =
-        models_find(request->server->models, request->conn->principal->name, name, error);
-    struct pose *pose = NULL;
-    struct cache_entry *file = NULL;
-    if (model && pose_name[0]) {
-        pose = poses_find(request->server->poses, model, pose_name, &code, error);
-        file = pose ? shape_get_posed(model, pose, &code, error) : NULL;
-        pose_release(pose); // the shape holds it
-    } else if (model) {
-        file = get(model, &code, error);
-    }
     struct opening *o = file ? calloc(1, sizeof *o) : NULL;
     if (!o) {
         if (file) {
             code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-            snprintf(error, sizeof error, "not enough memory");
+            snprintf(error, 256, "not enough memory");
         }
         cache_release(file);
         request_fail(request, code, "%s", error);
@@ -316,17 +302,46 @@ static void with(struct request *request, const char *name, const char *pose_nam
     request_await_entry(request, &o->wait, file, opened);
 }
 
+static struct model *find(struct request *request, const char *name, char error[256])
+{
+    return models_find(request->server->models, request->conn->principal->name, name, error);
+}
+
+static void with(struct request *request, const char *name, with_model_fn fn,
+                 struct cache_entry *(*get)(struct model *model, int *code, char error[256]))
+{
+    char error[256];
+    int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+    struct model *model = find(request, name, error);
+    await_entry(request, model, model ? get(model, &code, error) : NULL, code, error, fn);
+}
+
 void with_model(struct request *request, const char *name, with_model_fn fn)
 {
-    with(request, name, "", fn, model_open);
+    with(request, name, fn, model_open);
 }
 
 void with_mesh(struct request *request, const char *name, with_model_fn fn)
 {
-    with(request, name, "", fn, model_mesh_open);
+    with(request, name, fn, model_mesh_open);
 }
 
-void with_shape(struct request *request, const char *name, const char *pose, with_model_fn fn)
+void with_shape(struct request *request, const char *name, const char *pose_name,
+                const char *variant, with_model_fn fn)
 {
-    with(request, name, pose, fn, shape_get);
+    char error[256];
+    int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+    struct model *model = find(request, name, error);
+    struct pose *pose = NULL;
+    struct cache_entry *shape = NULL;
+    if (model && strlen(variant) >= VARIANT_NAME) {
+        code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+        snprintf(error, sizeof error, "variant: the name has more than 63 bytes");
+    } else if (model) {
+        if (pose_name[0])
+            pose = poses_find(request->server->poses, model, pose_name, &code, error);
+        if (pose || !pose_name[0]) shape = shape_get(model, pose, variant, &code, error);
+        pose_release(pose); // the shape holds it
+    }
+    await_entry(request, model, shape, code, error, fn);
 }

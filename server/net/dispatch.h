@@ -27,10 +27,10 @@ typedef void (*with_model_fn)(struct request *request, struct model *model,
                               struct cache_entry *file);
 void with_model(struct request *request, const char *model, with_model_fn fn);
 /* with_mesh: the file that has the mesh, baked or not. with_shape: the current geometry, or
- * that of a named pose ("": none); the
- * entry's value is a struct shape. */
+ * that of a named pose, in a variant ("": none); the entry's value is a struct shape. */
 void with_mesh(struct request *request, const char *model, with_model_fn fn);
-void with_shape(struct request *request, const char *model, const char *pose, with_model_fn fn);
+void with_shape(struct request *request, const char *model, const char *pose,
+                const char *variant, with_model_fn fn);
 
 /* One row an operation (dispatch.c): the properties of a type of request. */
 enum operation_flag {

@@ -178,8 +178,8 @@ static const struct field shade_fields[] = {
     {"env", "lights.env", set_env},         {"rotate", "lights.rotate_deg", NULL},
     {"gain", "lights.gain", set_vec3},      {"engine", "shade.engine", NULL},
     {"term", "shade.term", NULL},           {"material", "shade.material", NULL},
-    {"eye", "shade.eye", set_vec3},         {"max_error", "shade.max_error", NULL},
-    {"budget_ms", "shade.budget_ms", NULL},
+    {"variant", "shade.variant", NULL},     {"eye", "shade.eye", set_vec3},
+    {"max_error", "shade.max_error", NULL}, {"budget_ms", "shade.budget_ms", NULL},
 };
 static const struct field picture_fields[] = {
     {"size", "picture", set_size},

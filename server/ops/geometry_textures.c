@@ -233,5 +233,5 @@ static void image_ready(struct request *request, struct model *m, struct cache_e
 
 void op_geometry_image(struct request *request)
 {
-    with_shape(request, MESSAGE(GeometryRequest)->model, "", image_ready);
+    with_shape(request, MESSAGE(GeometryRequest)->model, "", "", image_ready);
 }

@@ -14,7 +14,7 @@ void fill_vec3(Relight__Vec3 *out, const float v[3])
 }
 
 struct block_text *fill_blocks(const struct prt_mesh *mesh, const struct prt_media *media,
-                               Relight__Block ***out)
+                               const float (*gain)[3], Relight__Block ***out)
 {
     struct block_text *text = calloc(mesh->n_block + 1, sizeof *text);
     *out = calloc(mesh->n_block + 1, sizeof **out);
@@ -33,6 +33,10 @@ struct block_text *fill_blocks(const struct prt_mesh *mesh, const struct prt_med
         fill_vec3(&text[i].color, s->base_color);
         to->base_color = &text[i].color;
         to->surface_index = b->surface;
+        if (gain && !s->translucent) {
+            fill_vec3(&text[i].gain, gain[i]);
+            to->gain = &text[i].gain;
+        }
         if (s->translucent) to->medium = prt_media_index(media, b->object);
         if (mesh->object) to->node = (char *)mesh->object[b->object].name;
         (*out)[i] = to;

@@ -12,13 +12,13 @@ void fill_vec3(Relight__Vec3 *out, const float v[3]);
 
 struct block_text {
     Relight__Block block;
-    Relight__Vec3 color;
+    Relight__Vec3 color, gain;
 };
 
-/* Block messages of a mesh with these media; one allocation each for the array and the
- * pointers, both to free(); NULL without memory. */
+/* Block messages of a mesh with these media. gain: [n_block] of a variant; NULL: none. One
+ * allocation each for the array and the pointers, both to free(); NULL without memory. */
 struct block_text *fill_blocks(const struct prt_mesh *mesh, const struct prt_media *media,
-                               Relight__Block ***out);
+                               const float (*gain)[3], Relight__Block ***out);
 /* JSON texts of a model's media; one allocation. NULL without memory. */
 char **print_media(const struct prt_media *media);
 

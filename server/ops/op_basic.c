@@ -347,7 +347,8 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
     struct info_text *text = calloc(1, sizeof *text);
     Relight__Block **blocks = NULL;
     Relight__NamedCamera **cameras = NULL;
-    struct block_text *block_text = fill_blocks(&t->mesh, &t->media, &blocks);
+    char *variants[PRT_MESH_MOST_VARIANTS];
+    struct block_text *block_text = fill_blocks(&t->mesh, &t->media, NULL, &blocks);
     char **media = print_media(&t->media);
     struct camera_text *camera_text = fill_cameras(&t->mesh, &cameras);
     if (!text || !block_text || !blocks || !camera_text || !cameras || !media) {
@@ -367,6 +368,9 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         text->info.blocks = blocks;
         text->info.n_cameras = t->mesh.n_camera;
         text->info.cameras = cameras;
+        for (uint32_t i = 0; i < t->mesh.n_variant; i++) variants[i] = t->mesh.variant[i].name;
+        text->info.n_variants = t->mesh.n_variant;
+        text->info.variants = variants;
         request_answer(request, &text->info.base, NULL);
         free(text->warning_text);
     }
@@ -449,7 +453,9 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
         Relight__GeometryAnswer out = RELIGHT__GEOMETRY_ANSWER__INIT;
         struct payload payload = {g->bytes, g->size, g->bytes, prt_free};
         const struct prt_media *own = ((struct shape *)g->shape->value)->media;
-        struct block_text *text = fill_blocks(mesh, own, &out.blocks);
+        const struct prt_variant *variant = ((struct shape *)g->shape->value)->variant;
+        struct block_text *text = fill_blocks(
+            mesh, own, variant ? (const float(*)[3])variant->gain : NULL, &out.blocks);
         char **media = print_media(own);
         out.n_blocks = text && out.blocks ? mesh->n_block : 0;
         out.n_media = media ? own->n : 0;
@@ -512,7 +518,7 @@ void op_geometry(struct request *request)
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
     if (*in->image) op_geometry_image(request);
-    else with_shape(request, in->model, in->pose, geometry_ready);
+    else with_shape(request, in->model, in->pose, in->variant, geometry_ready);
 }
 
 void op_unload(struct request *request)

@@ -7,6 +7,7 @@
 
 #include "render/render.h"
 #include "render/shared/geometry.h"
+#include "prt/variant.h"
 
 /* ---- lights.c: struct prt_cube ---- */
 
@@ -23,6 +24,19 @@ struct cache_entry *background_get(struct server *server, const struct render_sp
 
 /* Of a light of light_get(), ready or not; NULL without memory. */
 struct cache_entry *specular_get(struct server *server, struct cache_entry *light);
+
+/* ---- variants.c: struct variant_view ---- */
+
+struct variant_view {
+    struct prt_variant *variant;
+    struct cache_entry *file; /* whose arrays it shares; held */
+};
+/* The open file in the spec's variant, ready; NULL with *code and error where the file has no
+ * such variant or its bake does not hold for it. */
+struct cache_entry *variant_get(struct model *model, const struct render_spec *spec,
+                                struct cache_entry *file, int *code, char error[300]);
+/* A prt_log_fn: keeps the line in user, char[300]. */
+void variant_keep_error(void *user, enum prt_log_level level, const char *line);
 
 /* ---- visibility.c: struct prt_visibility ---- */
 
@@ -43,14 +57,16 @@ struct cache_entry *visibility_get(struct model *model, uint64_t generation,
 struct media_map *media_map_create(unsigned n);
 void media_map_set_key(struct media_map *map); /* of its n entries */
 void media_map_release(struct media_map *map); /* NULL is fine */
-/* Names the media that the spec gives; "": the model's own. */
-enum { MEDIA_KEY = 2 * MATERIAL_KEY + 2 };
+/* Names the media that the spec gives, and its variant where that changes colours at vertices;
+ * "": the model's own. */
+enum { MEDIA_KEY = 2 * MATERIAL_KEY + 3 + VARIANT_NAME };
 void media_key(const struct render_spec *spec, char key[MEDIA_KEY]);
 /* The media by object of a mesh with these of its own; NULL where the spec names none. `owner`
- * is held while mesh and media, which belong to the file of this hash, are read. */
+ * is held while mesh and media, which belong to the file of this hash, are read. own: they are
+ * wanted even where the spec names none, as those of a variant are. */
 struct cache_entry *media_get(const struct model *model, const struct render_spec *spec,
                               struct cache_entry *owner, const struct prt_mesh *mesh,
-                              const struct prt_media *media, uint64_t file_hash);
+                              const struct prt_media *media, uint64_t file_hash, bool own);
 
 /* ---- floor.c: float[height][width][3], prt_floor_shadow() ---- */
 
@@ -108,7 +124,8 @@ struct vertex_query {
     bool phases;
     int format; /* of colours, a Relight__ColorFormat; COLOR_F32 of all others */
     float exposure_ev;
-    struct cache_entry *media; /* of media.c; NULL: the bake's */
+    struct cache_entry *media;   /* of media.c; NULL: the bake's */
+    struct cache_entry *variant; /* of variants.c; NULL: none */
     bool has_eye;
     float eye[3]; /* mm */
 };

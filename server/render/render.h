@@ -51,8 +51,10 @@ struct render_spec {
     bool has_material, has_eye;
     struct prt_material material; /* of the objects that `objects` does not name */
     char material_key[MATERIAL_KEY];
-    struct media_map *objects; /* NULL: no object is named */
-    float eye[3];              /* model's own units */
+    struct media_map *objects;  /* NULL: no object is named */
+    char variant[VARIANT_NAME]; /* as Shade.variant */
+    bool variant_shines; /* set by its evaluation: the variant changes colours at vertices */
+    float eye[3];        /* model's own units */
     float max_error;
     uint32_t budget_ms;
     char map[3][65]; /* uploads by enum prt_screen_map_kind; "": none */

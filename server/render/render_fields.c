@@ -27,6 +27,7 @@ static const struct {
     ROW("shade.normal_map", map[1]),
     ROW("shade.bump_map", map[2]),
     ROW("shade.bump_mm", bump_mm),
+    ROW("shade.variant", variant),
     ROW("picture.width", width),
     ROW("picture.height", height),
     ROW("picture.camera", has_camera),

@@ -276,6 +276,9 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
         REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
     if (!is_value(&relight__term__descriptor, (int)shade->term))
         REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
+    if (strlen(shade->variant) >= sizeof spec->variant)
+        REFUSE(OUT_OF_RANGE, "shade.variant: the name has more than 63 bytes");
+    snprintf(spec->variant, sizeof spec->variant, "%s", shade->variant);
     spec->engine = shade->engine;
     spec->term = shade->term;
     int code = parse_material(spec, request, shade->material, error);

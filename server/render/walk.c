@@ -51,9 +51,9 @@ static void release(struct cache_entry **entry)
 void render_release(struct render *r)
 {
     struct dependency *one[] = {
-        &r->file,       &r->shape,    &r->media,      &r->screen_radiance,
-        &r->visibility, &r->specular, &r->background, &r->map[0],
-        &r->map[1],     &r->map[2],   &r->encoded,    &r->floor};
+        &r->file,       &r->shape,    &r->variant,    &r->media,  &r->screen_radiance,
+        &r->visibility, &r->specular, &r->background, &r->map[0], &r->map[1],
+        &r->map[2],     &r->encoded,  &r->floor};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) release(&one[i]->entry);
     release(&r->faded);
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
@@ -93,9 +93,10 @@ static bool any_failed(struct render *r)
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->contracted_light[i])) return true;
     if (failed(r, &r->encoded) || failed(r, &r->file) || failed(r, &r->shape) ||
-        failed(r, &r->media) || failed(r, &r->floor) || failed(r, &r->screen_radiance) ||
-        failed(r, &r->visibility) || failed(r, &r->specular) || failed(r, &r->background) ||
-        failed(r, &r->map[0]) || failed(r, &r->map[1]) || failed(r, &r->map[2]))
+        failed(r, &r->variant) || failed(r, &r->media) || failed(r, &r->floor) ||
+        failed(r, &r->screen_radiance) || failed(r, &r->visibility) ||
+        failed(r, &r->specular) || failed(r, &r->background) || failed(r, &r->map[0]) ||
+        failed(r, &r->map[1]) || failed(r, &r->map[2]))
         return true;
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->env[i]) || failed(r, &r->light[i]) || failed(r, &r->vertex_values[i]))
@@ -124,9 +125,22 @@ struct shape *render_shape(const struct render *r)
     return r->shape.entry->value;
 }
 
+static const struct prt_variant *render_variant(const struct render *r)
+{
+    return ((const struct variant_view *)r->variant.entry->value)->variant;
+}
+
 const struct prt_mesh *render_mesh(const struct render *r)
 {
-    return r->screen ? &render_shape(r)->mesh : &render_transport(r)->mesh;
+    return r->screen          ? &render_shape(r)->mesh
+           : r->variant.entry ? &render_variant(r)->mesh
+                              : &render_transport(r)->mesh;
+}
+
+// The entry that holds what render_mesh() returns.
+static struct cache_entry *mesh_entry(const struct render *r)
+{
+    return r->screen ? r->shape.entry : r->variant.entry ? r->variant.entry : r->file.entry;
 }
 
 static bool draws(const struct render *r)
@@ -136,9 +150,10 @@ static bool draws(const struct render *r)
 
 const struct prt_media *render_media(const struct render *r)
 {
-    return r->media.entry ? r->media.entry->value
-           : r->screen    ? render_shape(r)->media
-                          : &render_transport(r)->media;
+    return r->media.entry     ? r->media.entry->value
+           : r->screen        ? render_shape(r)->media
+           : r->variant.entry ? render_variant(r)->media
+                              : &render_transport(r)->media;
 }
 
 unsigned render_n_values(const struct render_spec *spec)
@@ -157,25 +172,38 @@ static void step_model(struct render *r)
     r->generation = !r->screen ? r->model->baked_generation
                     : pose     ? pose->generation
                                : r->model->generation;
-    struct cache_entry *entry = !r->screen ? model_open(r->model, &code, error)
-                                : pose     ? shape_get_posed(r->model, pose, &code, error)
-                                           : shape_get(r->model, &code, error);
+    struct cache_entry *entry = r->screen
+                                    ? shape_get(r->model, pose, r->spec.variant, &code, error)
+                                    : model_open(r->model, &code, error);
     if (entry) depend(r, r->screen ? &r->shape : &r->file, entry);
     else set_error(r, code, error);
+}
+
+static int depend_on_variant(struct render *r, char error[300])
+{
+    int code = 0;
+    struct cache_entry *entry = variant_get(r->model, &r->spec, r->file.entry, &code, error);
+    if (!entry) return code;
+    depend(r, &r->variant, entry);
+    if (entry->state == CACHE_READY) r->spec.variant_shines = !render_variant(r)->plain;
+    return 0;
 }
 
 static void step_media(struct render *r)
 {
     char error[300];
     int code = check_request(r, error);
+    if (!code && !r->screen && r->spec.variant[0]) code = depend_on_variant(r, error);
     if (code) {
         set_error(r, code, error);
         return;
     }
     const struct cache_entry *file = r->screen ? render_shape(r)->file : r->file.entry;
+    const bool free_media = r->variant.entry && r->spec.variant_shines &&
+                            render_transport(r)->engine != PRT_TRANSPORT_WAVELET;
     struct cache_entry *entry =
-        media_get(r->model, &r->spec, r->screen ? r->shape.entry : r->file.entry,
-                  render_mesh(r), render_media(r), prt_file_hash(file->value));
+        media_get(r->model, &r->spec, mesh_entry(r), render_mesh(r), render_media(r),
+                  prt_file_hash(file->value), free_media);
     if (entry) depend(r, &r->media, entry);
 }
 
@@ -208,8 +236,8 @@ static void step_environments(struct render *r)
     if (code) set_error(r, code, error);
     if (code || !draws(r)) return;
     depend(r, &r->visibility,
-           visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
-                          render_mesh(r), &r->spec, &r->camera));
+           visibility_get(r->model, r->generation, mesh_entry(r), render_mesh(r), &r->spec,
+                          &r->camera));
     if (r->screen && !r->visibility.was_ready) shape_prepare(r->model, r->shape.entry);
 }
 
@@ -259,6 +287,7 @@ static void vertex_query(const struct render *r, struct vertex_query *query)
                                                         : (int)RELIGHT__COLOR_FORMAT__COLOR_F32,
                                    .exposure_ev = s->exposure_ev,
                                    .media = r->media.entry,
+                                   .variant = r->variant.entry,
                                    .has_eye = s->has_eye && !s->picture};
     for (int c = 0; c < 3; c++)
         query->eye[c] = s->eye[c] * render_transport(r)->mesh.mm_per_unit;
@@ -414,8 +443,8 @@ static void depend_on_floor(struct render *r)
 {
     const struct render_spec *s = &r->spec;
     struct cache_entry *entry =
-        floor_get(r->server, r->screen ? r->shape.entry : r->file.entry, render_mesh(r),
-                  r->visibility.entry, r->light[0].entry, (size_t)s->width * s->height);
+        floor_get(r->server, mesh_entry(r), render_mesh(r), r->visibility.entry,
+                  r->light[0].entry, (size_t)s->width * s->height);
     if (entry) depend(r, &r->floor, entry);
     else set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
 }

@@ -49,7 +49,8 @@ struct render {
     bool transient; /* one frame of many: its radiance is dropped from the cache at the end */
     /* geometry: the open .prt file, or with `screen` the shape */
     struct dependency file, shape;
-    struct dependency media; /* that the request gives; NULL: the model's own */
+    struct dependency variant; /* of the open file; NULL: none, or `screen` */
+    struct dependency media;   /* that the request gives; NULL: the model's own */
     struct dependency env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS];
     /* joint transport contracted with light i */
     struct dependency contracted_light[RENDER_MAX_LIGHTS];

@@ -20,6 +20,8 @@
 
 enum { MODEL_ID = 32, MODEL_SHOWN = 16 }; /* hex digits; as many are shown to people */
 
+enum { VARIANT_NAME = 64 }; /* bytes of a variant's name, with the 0 */
+
 /* Known once a model was opened; kept while it is unloaded. */
 struct model_facts {
     bool known, baked; /* of a bake: else of the mesh alone */

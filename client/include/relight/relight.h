@@ -387,6 +387,8 @@ struct relight_block {
     uint32_t surface_index; /* into relight_geometry.look */
     uint32_t medium;        /* into `media`, of a translucent block */
     const char *node;       /* glTF node's name, may be "" */
+    float gain[3];          /* of an opaque block in relight_geometry_variant: factor of what
+                               coefficients          make; else 1 */
 };
 struct relight_named_camera {
     const char *name;
@@ -413,10 +415,12 @@ struct relight_model {
     const struct relight_block *block;
     size_t n_camera; /* the file's own; relight_info only */
     const struct relight_named_camera *camera;
-    size_t n_medium;           /* JSON texts of its media; relight_info only */
-    const char *const *medium; /* [n_medium] */
-    const char *failure;       /* of RELIGHT_MODEL_FAILED, else "" */
-    void *owner;               /* NULL for members of a list */
+    size_t n_medium;            /* JSON texts of its media; relight_info only */
+    const char *const *medium;  /* [n_medium] */
+    size_t n_variant;           /* names for relight_shade.variant; relight_info only */
+    const char *const *variant; /* [n_variant] */
+    const char *failure;        /* of RELIGHT_MODEL_FAILED, else "" */
+    void *owner;                /* NULL for members of a list */
     /* relight_info only, 16 hex digits: of the model's own shape, as in relight_geometry, and
      * of its bake; "": the daemon does not say, or there is no bake */
     const char *mesh_hash, *bake_hash;
@@ -531,6 +535,14 @@ int relight_geometry(struct relight_client *client, const char *model, bool own_
 int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
                            bool own_units, struct relight_geometry *out,
                            struct relight_error *error);
+
+/* The same of a variant (relight_shade.variant), with texture coordinates, vertex colours,
+ * surfaces and the list of images, all as the variant has them.
+ * Returns as relight_geometry; -RELIGHT_E_OUT_OF_RANGE: the model has no such variant.
+ * Thread-safety: Safe. Blocks until the answer is here. */
+int relight_geometry_variant(struct relight_client *client, const char *model,
+                             const char *variant, bool own_units, struct relight_geometry *out,
+                             struct relight_error *error);
 
 /* Fetches a model's geometry as relight_geometry, with texture coordinates, vertex colours,
  * surfaces and the list of images.
@@ -670,7 +682,9 @@ struct relight_shade {
     /* images over the model's uv, SHA-256 of uploads; NULL: none; pictures by image-space
      * engines */
     const char *albedo_map, *normal_map, *bump_map;
-    float bump_mm; /* height of the bump map's white; 0: 0.5 */
+    float bump_mm;       /* height of the bump map's white; 0: 0.5 */
+    const char *variant; /* of relight_info's variants, or its unique beginning; "default": the
+                            file's own materials; NULL: as the model was loaded */
 };
 struct relight_camera {
     bool set;                       /* false: the model is framed */

@@ -48,6 +48,7 @@ function octahedron(n: number, hash: string): Mesh {
     split: 0,
     generation: 1n,
     hash,
+    gained: false,
   };
 }
 const point = (triangle: number, b1: number, b2: number, [x, y, z]: Vec3) =>

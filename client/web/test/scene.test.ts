@@ -176,6 +176,7 @@ describe("the link", () => {
     ],
     material: '{"sigma_s_prime":[1,2,3],"sigma_a":[0.1,0.2,0.3],"g":0}',
     materials: { Left: "skin1", "a b": '{"g":0}' },
+    variant: "night & day",
     term: "multiple",
     exposure: -1.25,
     tone: "none",

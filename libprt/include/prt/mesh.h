@@ -62,7 +62,8 @@ enum {
     PRT_MESH_MOST_ANIMATIONS = 64,
     PRT_MESH_MOST_VARIANTS = 64
 };
-/* A variant of a glTF's materials (KHR_materials_variants); names are unique. */
+/* A variant of a glTF's materials (KHR_materials_variants); names are unique (prt/variant.h).
+ */
 struct prt_mesh_variant {
     char name[64];
 };
@@ -93,9 +94,13 @@ struct prt_mesh {
     uint32_t n_camera;
     struct prt_mesh_animation *animation; /* [n_animation] of a model, not of a .prt; or NULL */
     uint32_t n_animation, n_variant;
-    struct prt_mesh_variant *variant; /* [n_variant] as animation */
-    float mm_per_unit;                /* model units * mm_per_unit = mm; 0 while not scaled */
-    uint32_t units_known;             /* 1: the format says metres (glTF) */
+    struct prt_mesh_variant *variant; /* [n_variant], or NULL */
+    uint32_t *variant_surface; /* [n_block][n_variant + 1] surface of each block in each variant
+                                  and, last, without one; NULL where n_variant is 0 */
+    float (*gain)[3];     /* [n_block] of a view of a variant: factor that pictures multiply
+                             baked colours with; NULL: 1 */
+    float mm_per_unit;    /* model units * mm_per_unit = mm; 0 while not scaled */
+    uint32_t units_known; /* 1: the format says metres (glTF) */
     /* of the translucent blocks, welded: edges of one triangle, of more than two, triangles
      * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
@@ -113,7 +118,8 @@ struct prt_mesh {
     uint64_t texel_bytes;
     int8_t (*blocked)[PRT_MESH_BLOCKED]; /* [n_vertex] of a .prt, or NULL: pictures without
                                             specular occlusion */
-    struct prt_volume *volume;           /* [n_surface], or NULL; of a model, not of a .prt */
+    struct prt_volume *volume;           /* [n_surface], or NULL; of a model, and of a .prt
+                                            with variants */
     float texture_split; /* [0,1] share of a texture that scattering blurs (METHODS §10) */
 };
 
@@ -188,7 +194,7 @@ void prt_mesh_footprint(const struct prt_mesh *mesh, uint32_t triangle, const fl
                         float d[2]);
 /* The block of a triangle, by bisection. */
 uint32_t prt_mesh_block_of(const struct prt_mesh *mesh, uint32_t triangle);
-/* Whether any surface or vertex has a look of its own. */
+/* Whether any surface or vertex has a look of its own, or a block a gain. */
 bool prt_mesh_has_look(const struct prt_mesh *mesh);
 /* Brightness of a reflectance that irradiance is multiplied with at bake time: its luminance to
  * the power of texture_split (METHODS §10). 1 for a split of 0. */
@@ -219,6 +225,15 @@ int prt_mesh_divide(const struct prt_context *ctx, struct prt_mesh *mesh,
  * for vertices that moved. Reads position, triangle and weld; changes only such normals.
  * PRT_NOMEM. */
 int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh);
+/* The index of the variant that `name` stands for (prt_name_choose); n_variant for "default",
+ * the file's own materials, where no variant has this name. `model` opens the error line.
+ * PRT_ARG: there are no variants, or none of this name (the message has near ones). */
+int prt_mesh_variant_find(const struct prt_context *ctx, const char *model,
+                          const struct prt_mesh *mesh, const char *name, uint32_t *out);
+/* Whether the variants have names that end and surfaces of the mesh, and whether the insides of
+ * surfaces have numbers in their ranges. */
+bool prt_mesh_variants_ok(const struct prt_mesh *mesh);
+bool prt_mesh_volumes_ok(const struct prt_mesh *mesh);
 /* Whether the cameras have names that end, finite numbers and a field of view in (0,170). */
 bool prt_mesh_cameras_ok(const struct prt_mesh *mesh);
 /* [n_triangle] block index of each triangle; NULL without memory; the caller prt_free()s. */

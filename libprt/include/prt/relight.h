@@ -165,6 +165,9 @@ struct prt_query {
      * its planes to be multiplied by Y_k(w_o'), before prt_view_correct. Media that scatter
      * evenly have no plane behind the second, and PRT_ANSWER_MULTIPLE has the first alone. */
     unsigned most_apart;
+    const float (*gain)[3]; /* [n_block] factors of the opaque blocks' colours (prt/variant.h);
+                             * NULL: 1. Planes that are not kept apart, and coefficients, are
+                             * without them; prt_answer_many alone has them in planes */
 };
 
 /* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.

@@ -27,6 +27,7 @@ static void destroy_shape(void *value)
     if (s->scene) prt_scene_destroy(s->scene);
     pthread_mutex_destroy(&s->lock);
     prt_free(s->normal);
+    prt_variant_destroy(s->variant);
     pose_release(s->pose);
     cache_release(s->file);
     free(s);
@@ -45,6 +46,7 @@ struct shape_job {
     uint64_t generation;
     struct cache_entry *file;
     struct pose *pose;
+    char variant[VARIANT_NAME]; // "": none
 };
 
 // Copies the normals that were given, and computes the others.
@@ -96,12 +98,29 @@ static bool set_pose(struct shape *s, struct pose *pose)
     return true;
 }
 
+static int set_variant(struct shape *s, const struct shape_job *own, char error[300])
+{
+    if (!own->variant[0]) return PRT_OK;
+    const struct prt_context ctx = {.log = variant_keep_error, .log_user = error};
+    int status = prt_variant_create(&ctx, own->model->name, &s->mesh, s->media,
+                                    PRT_VARIANT_OF_MODEL, own->variant, &s->variant);
+    if (status) return status;
+    s->mesh = s->variant->mesh;
+    s->media = s->variant->media;
+    return PRT_OK;
+}
+
 static void file_opened(struct cache_job *job)
 {
     struct shape_job *own = (struct shape_job *)job;
     struct shape *s = job->value = create_shape(own->file);
-    bool moved = s && own->pose && own->pose->n == s->mesh.n_vertex;
-    if (!s || (moved && !set_pose(s, own->pose))) {
+    int status = s ? set_variant(s, own, job->work.error) : PRT_NOMEM;
+    if (status) {
+        cache_job_complete(job, status);
+        return;
+    }
+    bool moved = own->pose && own->pose->n == s->mesh.n_vertex;
+    if (moved && !set_pose(s, own->pose)) {
         cache_job_complete(job, PRT_NOMEM);
         return;
     }
@@ -113,13 +132,14 @@ static void file_opened(struct cache_job *job)
 
 // pose: NULL where the vertices are the file's.
 static struct cache_entry *get(struct model *m, struct pose *pose, uint64_t generation,
-                               int *code, char error[256])
+                               const char *variant, int *code, char error[256])
 {
-    char key[80];
+    char key[80 + VARIANT_NAME];
     struct cache_job *job;
     if (m->gone)
         return model_open(m, code, error); // its shape may still be in use under the same key
-    snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)generation);
+    snprintf(key, sizeof key, "%s/%llu/shape/%s", m->key, (unsigned long long)generation,
+             variant);
     struct cache_entry *entry = cache_find(m->server->cache, key);
     if (entry) return entry;
     struct cache_entry *file = model_mesh_open(m, code, error);
@@ -134,21 +154,18 @@ static struct cache_entry *get(struct model *m, struct pose *pose, uint64_t gene
         cache_job_hold(job, file);
         own->pose = pose;
         if (own->pose) own->pose->refs++;
+        snprintf(own->variant, sizeof own->variant, "%s", variant);
         cache_job_await(job, file, file_opened);
     }
     cache_release(file);
     return entry;
 }
 
-struct cache_entry *shape_get(struct model *m, int *code, char error[256])
+struct cache_entry *shape_get(struct model *m, struct pose *pose, const char *variant,
+                              int *code, char error[256])
 {
-    return get(m, m->pose, m->generation, code, error);
-}
-
-struct cache_entry *shape_get_posed(struct model *m, struct pose *pose, int *code,
-                                    char error[256])
-{
-    return get(m, pose, pose->generation, code, error);
+    return get(m, pose ? pose : m->pose, pose ? pose->generation : m->generation, variant, code,
+               error);
 }
 
 int shape_scene(const struct prt_context *ctx, struct shape *s, const struct prt_scene **scene)

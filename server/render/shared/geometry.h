@@ -6,6 +6,7 @@
 
 #include "store/models.h"
 #include "prt/screen.h"
+#include "prt/variant.h"
 
 #include <pthread.h>
 
@@ -35,21 +36,22 @@ struct screen_slot {
 enum { SHAPE_SLOTS = 5 }; /* one for the daemon's choice, and one for each engine */
 
 struct shape {
-    struct cache_entry *file; /* the open .prt whose mesh it is */
-    struct pose *pose;        /* NULL: as in the file */
+    struct cache_entry *file;    /* the open .prt whose mesh it is */
+    struct pose *pose;           /* NULL: as in the file */
+    struct prt_variant *variant; /* NULL: as in the file */
     struct prt_mesh mesh;
     float (*normal)[3];            /* owned; with a pose */
-    const struct prt_media *media; /* of the file */
+    const struct prt_media *media; /* of the file, or of its variant */
     pthread_mutex_t lock;          /* guards creating `scene` */
     struct prt_scene *scene;
     struct screen_slot slot[SHAPE_SLOTS];
 };
-/* The model's current geometry, with a reference for the caller; value is a struct shape. NULL
- * with *code and error where there is none. */
-struct cache_entry *shape_get(struct model *model, int *code, char error[256]);
-/* The same for a named pose of the model. */
-struct cache_entry *shape_get_posed(struct model *model, struct pose *pose, int *code,
-                                    char error[256]);
+/* The model's current geometry, with a reference for the caller; value is a struct shape. pose:
+ * a named one of the model; NULL: none. variant: as Shade.variant, "" for none; the entry fails
+ * where the file has none of this name. NULL with *code and error where there is no geometry.
+ */
+struct cache_entry *shape_get(struct model *model, struct pose *pose, const char *variant,
+                              int *code, char error[256]);
 /* Any thread. Builds the scene at its first use. */
 int shape_scene(const struct prt_context *ctx, struct shape *shape,
                 const struct prt_scene **scene);

@@ -40,8 +40,9 @@ void media_map_set_key(struct media_map *map)
 
 void media_key(const struct render_spec *spec, char key[MEDIA_KEY])
 {
-    snprintf(key, MEDIA_KEY, "%s%s%s", spec->has_material ? spec->material_key : "",
-             spec->objects ? "+" : "", spec->objects ? spec->objects->key : "");
+    snprintf(key, MEDIA_KEY, "%s%s%s%s%s", spec->has_material ? spec->material_key : "",
+             spec->objects ? "+" : "", spec->objects ? spec->objects->key : "",
+             spec->variant_shines ? "~" : "", spec->variant_shines ? spec->variant : "");
 }
 
 // ---- one medium for all objects: no model is needed
@@ -75,7 +76,7 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
 {
     struct media_job *own = (struct media_job *)job;
     struct prt_media_entry entry[PRT_MEDIA_MAX + 1];
-    unsigned n = own->map->n;
+    unsigned n = own->map ? own->map->n : 0;
     for (unsigned i = 0; i < n; i++)
         entry[i] =
             (struct prt_media_entry){own->map->entry[i].object, &own->map->entry[i].material};
@@ -98,22 +99,23 @@ static const struct cache_job_kind kind = {
 
 struct cache_entry *media_get(const struct model *model, const struct render_spec *spec,
                               struct cache_entry *owner, const struct prt_mesh *mesh,
-                              const struct prt_media *media, uint64_t file_hash)
+                              const struct prt_media *media, uint64_t file_hash, bool own_media)
 {
-    char key[MEDIA_KEY + 120], own_key[MEDIA_KEY];
+    char key[MEDIA_KEY + VARIANT_NAME + 120], own_key[MEDIA_KEY];
     struct cache_job *job;
-    if (!spec->objects) return spec->has_material ? one_medium(model->server, spec) : NULL;
+    if (!spec->objects && spec->has_material) return one_medium(model->server, spec);
+    if (!spec->objects && !own_media) return NULL;
     media_key(spec, own_key);
-    // Names and objects are those of the file, whatever its vertices.
-    snprintf(key, sizeof key, "%s/media/%llx/%s", model->key, (unsigned long long)file_hash,
-             own_key);
+    // Names and objects are those of the file and its variant, whatever its vertices.
+    snprintf(key, sizeof key, "%s/media/%llx/%s/%s", model->key, (unsigned long long)file_hash,
+             own_key, spec->variant);
     struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
     if (!job) return entry;
     struct media_job *own = (struct media_job *)job;
     own->mesh = mesh;
     own->media = media;
     own->map = spec->objects;
-    own->map->refs++;
+    if (own->map) own->map->refs++;
     own->has_material = spec->has_material;
     own->material = spec->material;
     cache_job_hold(job, owner);

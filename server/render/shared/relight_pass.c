@@ -67,6 +67,11 @@ static const struct prt_transport *item_transport(const struct pass_item *item)
     return prt_contracted_transport_get(c->contracted);
 }
 
+static const float (*item_gain(const struct variant_view *view))[3]
+{
+    return (const float(*)[3])view->variant->mesh.gain;
+}
+
 static struct prt_query item_query(const struct pass_item *item)
 {
     const struct vertex_query *q = &item->query;
@@ -76,6 +81,7 @@ static struct prt_query item_query(const struct pass_item *item)
                               .light = item->light ? item->light->value : NULL,
                               .media = q->media ? *(const struct prt_media *)q->media->value
                                                 : (struct prt_media){0},
+                              .gain = q->variant ? item_gain(q->variant->value) : NULL,
                               .eye = q->has_eye ? q->eye : NULL,
                               .lit = c ? c->contracted : NULL,
                               .most_apart = q->most_apart,
@@ -449,6 +455,7 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
     item->query = *query;
     item->gathering = g;
     cache_job_hold(job, query->media);
+    cache_job_hold(job, query->variant);
     cache_job_hold(job, item->file = file);
     cache_job_hold(job, item->light = light);
     cache_job_hold(job, item->contracted_light = contracted_light);

@@ -79,13 +79,13 @@ struct cache_entry *visibility_get(struct model *model, uint64_t generation,
                                    struct cache_entry *owner, const struct prt_mesh *mesh,
                                    const struct render_spec *s, const struct prt_camera *c)
 {
-    char key[400];
+    char key[400 + VARIANT_NAME];
     snprintf(key, sizeof key,
-             "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
-             model->key, (unsigned long long)generation, s->width, s->height, s->samples,
-             (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
-             (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
-             (double)c->up[2], (double)c->fovy_deg);
+             "%s/%llu/seen/%s/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
+             model->key, (unsigned long long)generation, s->variant, s->width, s->height,
+             s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
+             (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
+             (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);
     struct cache_job *job;
     struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
     if (!job) return entry;

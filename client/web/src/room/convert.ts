@@ -82,6 +82,7 @@ export function sceneOf(
       ...(base?.shade ?? create(ShadeSchema)),
       term: NUMBERS[state.term],
       materials,
+      variant: state.variant,
     },
     camera: placed
       ? create(CameraSchema, {
@@ -171,6 +172,7 @@ export function withParts(
     out.term = TERMS.find((word) => NUMBERS[word] === number) ?? "total";
     const own = scene.shade?.materials.map(({ object, material }) => [object, material]) ?? [];
     out.materials = Object.fromEntries(own) as Record<string, string>;
+    out.variant = scene.shade?.variant ?? "";
   }
   const { picture } = scene;
   if (parts.includes("picture") && picture) {

@@ -34,6 +34,8 @@ export interface Mesh {
   generation: bigint;
   /** GeometryAnswer.mesh_hash; empty: not known. */
   hash: string;
+  /** A variant's opaque albedo is not the one that was baked. */
+  gained: boolean;
 }
 
 function partsOf(answer: GeometryAnswer): Part[] {
@@ -89,6 +91,9 @@ export function meshOf(answer: GeometryAnswer, payload: Uint8Array): Mesh {
     split: answer.textureSplit,
     generation: answer.generation,
     hash: answer.meshHash,
+    gained: answer.blocks.some(
+      ({ gain }) => gain && (gain.x !== 1 || gain.y !== 1 || gain.z !== 1),
+    ),
   };
 }
 

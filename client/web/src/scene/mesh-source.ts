@@ -19,12 +19,13 @@ export interface MeshSource {
 export async function fetchMesh(
   client: Client,
   model: string,
+  variant: string,
   textures = true,
 ): Promise<MeshSource> {
   const { message, payload } = await client.request(
     Type.Geometry,
     GeometryRequestSchema,
-    { model, ownUnits: true, textures },
+    { model, variant, ownUnits: true, textures },
     GeometryAnswerSchema,
   );
   const mesh = meshOf(message, payload);

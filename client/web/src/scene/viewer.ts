@@ -139,7 +139,7 @@ export class Viewer {
   show(state: SceneState): void {
     const old = this.state;
     this.state = state;
-    if (state.model !== old?.model) {
+    if (state.model !== old?.model || state.variant !== old.variant) {
       void this.open();
       return;
     }
@@ -203,7 +203,7 @@ export class Viewer {
     this.surfaceOf = key;
     this.surface = null;
     try {
-      const { mesh } = await fetchMesh(this.client, info.model, false);
+      const { mesh } = await fetchMesh(this.client, info.model, "", false);
       if (key !== this.surfaceOf) return;
       this.surface = mesh;
       this.setStatus({ ...this.status });
@@ -309,15 +309,20 @@ export class Viewer {
 
   private async openMesh(info: ModelInfo, current: () => boolean): Promise<void> {
     const { stage } = this;
+    const variant = this.state?.variant ?? "";
     const known =
-      this.mesh && this.mesh.generation === info.generation && this.meshOf === info.model;
+      this.mesh &&
+      this.mesh.generation === info.generation &&
+      this.meshOf === info.model &&
+      this.meshVariant === variant;
     if (!stage) return;
-    const source = known ? null : await fetchMesh(this.client, info.model);
+    const source = known ? null : await fetchMesh(this.client, info.model, variant);
     if (!current()) return;
     if (source) {
       this.frame ??= source.mesh.frame;
       this.mesh = source.mesh;
       this.meshOf = info.model;
+      this.meshVariant = variant;
       this.factors?.dispose();
       this.factors = null;
       stage.setMesh(source.mesh);
@@ -328,6 +333,7 @@ export class Viewer {
     void this.fetchMaps(source, info.model);
   }
   private meshOf = "";
+  private meshVariant = "";
 
   // Maps follow the mesh: the first picture does not wait for them.
   private async fetchMaps(source: MeshSource, model: string): Promise<void> {
@@ -371,7 +377,9 @@ export class Viewer {
   }
 
   private format(state: SceneState): ColorFormat {
-    const factored = this.factors && this.coefficients && state.term !== "irradiance";
+    // Coefficients are of the albedo that was baked; colours are of the variant's.
+    const factored =
+      this.factors && this.coefficients && state.term !== "irradiance" && !this.mesh?.gained;
     if (factored) return ColorFormat.COLOR_COEFFICIENTS;
     // Planes of a phase function have negative numbers, which RGB9E5 has not.
     return this.scattersEvenly(state) ? ColorFormat.COLOR_RGB9E5 : ColorFormat.COLOR_F16;
@@ -438,7 +446,12 @@ export class Viewer {
       object,
       material,
     }));
-    return { term: termOf(state), material: state.material, materials };
+    return {
+      term: termOf(state),
+      material: state.material,
+      materials,
+      variant: state.variant,
+    };
   }
 
   private picture(

@@ -41,6 +41,8 @@ export interface SceneState {
   material: string;
   /** Presets or JSON by object, a glTF material or node. */
   materials: Readonly<Record<string, string>>;
+  /** One of the model's variants; empty: the one that it was loaded with. */
+  variant: string;
   term: Term;
   /** A quantity in place of light. */
   heat?: Heat;
@@ -63,6 +65,7 @@ export const FIRST: SceneState = {
   lamps: [FIRST_LAMP],
   material: "",
   materials: {},
+  variant: "",
   term: "total",
   exposure: 0,
   tone: "filmic",

@@ -85,6 +85,7 @@ export function toFragment(scene: SceneState): string {
   if (scene.material) out.set("material", scene.material);
   for (const [object, text] of Object.entries(scene.materials))
     out.set(MATERIAL_OF + object, text);
+  if (scene.variant) out.set("variant", scene.variant);
   if (scene.term !== FIRST.term) out.set("term", scene.term);
   if (scene.heat) out.set("heat", scene.heat);
   if (scene.exposure) out.set("ev", String(round(scene.exposure)));
@@ -119,6 +120,7 @@ export function fromFragment(fragment: string): SceneState {
     lamps: lamps.length ? lamps : [FIRST_LAMP],
     material: (words.get("material") ?? "").slice(0, 8000),
     materials: materialsFrom(words),
+    variant: (words.get("variant") ?? "").slice(0, 63),
     term: word(words.get("term"), TERMS, FIRST.term),
     ...heatFrom(words.get("heat")),
     exposure: number(words.get("ev"), 0, -16, 16),

@@ -174,7 +174,31 @@ function Objects() {
   );
 }
 
-export function MaterialPanel() {
+// The variants of the model's file. One that its bake does not hold for is refused with a notice.
+function Variants() {
+  const names = info.value?.variants ?? [];
+  if (!names.length) return null;
+  const { variant } = scene.value;
+  return (
+    <Section title="Variant">
+      <div class="chips" role="radiogroup" aria-label="Variant">
+        {["", ...names].map((name) => (
+          <button
+            key={name}
+            type="button"
+            role="radio"
+            aria-checked={variant === name}
+            onClick={() => set({ variant: name })}
+          >
+            {name || "As loaded"}
+          </button>
+        ))}
+      </div>
+    </Section>
+  );
+}
+
+function Material() {
   if (!info.value) return <p class="hint">Choose a model first.</p>;
   const m = medium.value;
   const shown = mediumTextShown.value;
@@ -232,5 +256,14 @@ export function MaterialPanel() {
         </button>
       )}
     </Section>
+  );
+}
+
+export function MaterialPanel() {
+  return (
+    <>
+      <Variants />
+      <Material />
+    </>
   );
 }

@@ -73,6 +73,7 @@ export function Models({ close }: { close: () => void }) {
                 set({
                   model: model.name || model.model,
                   material: "",
+                  variant: "",
                   orbit: START,
                 });
                 close();

@@ -276,7 +276,7 @@ export async function openFile(path: string): Promise<void> {
       { path },
       LoadAnswerSchema,
     );
-    set({ model: message.model, material: "" });
+    set({ model: message.model, material: "", variant: "" });
     await refresh();
   } catch (error) {
     fault(error);
@@ -368,7 +368,7 @@ export async function loadUpload(name: string, hash: string): Promise<void> {
     LoadAnswerSchema,
   );
   lastUpload.value = { model: message.model, name, hash };
-  set({ model: message.model, material: "", orbit: START });
+  set({ model: message.model, material: "", variant: "", orbit: START });
   await refresh();
 }
 

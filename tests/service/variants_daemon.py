@@ -1,0 +1,81 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Variants by request from a daemon: baked and before the bake, pictures, colours, coefficients,
+HTTP, and refusals.
+
+   tests/service/variants_daemon.py PATH/TO/bin"""
+import json
+import os
+import sys
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
+import variant_model  # noqa: E402
+from programs import daemon, expect, main, prt, relight, same  # noqa: E402
+
+LIT = ['--env', 'constant:1,.9,.8']
+VIEW = [*LIT, '--size', '96x64', '--camera', '.015,.03,.1:.015,0,0']
+BAKE = ['--mm-per-unit', '1000', '--cube', '16', '--samples', '1500', '--quiet']
+
+
+def load(name, *args):
+    relight('load', 'v.glb', '--name', name, '--mm-per-unit', '1000', *args)
+
+
+def agree(model, baked, variant):
+    """The daemon answers as prt does from the same file."""
+    by = ['--variant', variant]
+    relight('image', model, *VIEW, *by, '-o', 'served.png')
+    prt('image', baked, *VIEW, *by, '-o', 'own.png', '--quiet')
+    same('own.png', 'served.png', .01)
+    prt('colors', baked, *LIT, *by, '-o', 'own.npy', '--quiet')
+    for form in ('f32', 'coefficients'):
+        relight('colors', model, *LIT, *by, '--format', form, '-o', 'served.npy')
+        same('own.npy', 'served.npy', 1e-3)
+
+
+def baked():
+    for transport in ('wavelet', 'joint'):
+        name = transport + '.prt'
+        prt('bake', 'v.glb', *BAKE, '--transport', transport, '-o', name)
+        relight('load', name, '--remote')
+        told = json.loads(relight('info', transport, '--json').stdout)
+        expect(told['variants'] == [v[0] for v in variant_model.VARIANTS], 'INFO: %s' % told.get('variants'))
+        for variant in ('day', 'dark', 'default') + (('jade',) if transport == 'joint' else ()):
+            agree(transport, name, variant)
+        relight('image', transport, *VIEW, '-o', 'plain.png')
+        prt('compare', 'plain.png', 'served.png', '--max-rmse', '.01', status=transport == 'joint')
+    said = relight('image', 'wavelet', *VIEW, '--variant', 'jade', '-o', 'x.png', status=2).stderr
+    expect('changes the medium of "skin"' in said and 'needs a bake of its own' in said, said)
+    said = relight('colors', 'wavelet', *LIT, '--variant', 'dya', '-o', 'x.npy', status=2).stderr
+    expect('did you mean day?' in said, said)
+    said = relight('image', 'wavelet', *VIEW, '--variant', 'x' * 64, '-o', 'x.png', status=2).stderr
+    expect('shade.variant: the name has more than 63 bytes' in said, said)
+
+
+def previews():
+    """Before a bake every variant is drawn, also those that a bake would not hold for."""
+    load('draft', '--preview')
+    for _ in range(600):
+        if json.loads(relight('info', 'draft', '--json').stdout)['state'] == 'preview':
+            break
+        time.sleep(.1)
+    relight('image', 'draft', *VIEW, '--engine', 'splat', '-o', 'plain.exr')
+    for variant in ('day', 'dark', 'jade', 'clear'):
+        relight('image', 'draft', *VIEW, '--engine', 'splat', '--variant', variant, '-o', 'view.exr')
+        prt('image', 'v.glb', *VIEW, '--mm-per-unit', '1000', '--engine', 'splat', '--variant', variant, '-o', 'own.exr',
+            '--quiet')
+        same('own.exr', 'view.exr', .002)
+        prt('compare', 'plain.exr', 'view.exr', '--max-rmse', '.004', status=1)
+    said = relight('image', 'draft', *VIEW, '--variant', 'noon', '-o', 'x.png', status=2).stderr
+    expect('has no variant "noon"' in said, said)
+
+
+def run():
+    variant_model.write('v.glb')
+    with daemon('--data', 'data', '--models', '.'):
+        baked()
+        previews()
+
+
+main(run)
