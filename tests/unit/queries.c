@@ -283,110 +283,151 @@ static void half_space_seen_from_the_side(void **state)
     }
 }
 
+// A wavelet transport with made-up tensors under a light, and the answers by their definition.
+struct defined_answers {
+    struct prt_context ctx;
+    struct prt_transport t;
+    struct prt_cube cube;
+    struct prt_query q;
+    double divisor;        // T of METHODS §9, or 1 as in the papers
+    float *multiple, *own; // [N][3], [4][N][3]: what the tensors give
+    float *answer;         // [4][N][3]: room for answers
+};
+
+static void answers_begin(struct defined_answers *a, bool papers)
+{
+    struct prt_light light;
+    const struct prt_light *lights[1] = {&light};
+    *a = (struct defined_answers){.ctx = quiet(),
+                                  .divisor = papers ? 1 : 0.938868,
+                                  .multiple = malloc(12 * N),
+                                  .own = malloc(4 * 12 * N),
+                                  .answer = malloc(4 * 12 * N)};
+    a->q = (struct prt_query){.light = &a->cube,
+                              .exit = papers ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED};
+    transport_of(&a->t, &kind[0], &kind[1]);
+    some_cube(&a->cube);
+    assert_int_equal(prt_light_from_cube(&a->cube, &light), 0);
+    assert_int_equal(prt_relight(&a->ctx, &a->t.tensor[0], 1, lights, NULL, false, a->multiple),
+                     0);
+    assert_int_equal(prt_relight(&a->ctx, &a->t.tensor[1], 1, lights, NULL, false, a->own), 0);
+    prt_light_finish(&light);
+}
+
+static void answers_end(struct defined_answers *a)
+{
+    prt_cube_finish(&a->cube);
+    finish_transport(&a->t);
+    free(a->multiple);
+    free(a->own);
+    free(a->answer);
+}
+
+static int colors_of(struct defined_answers *a)
+{
+    return prt_answer_colors(&a->ctx, &a->t, &a->q, (float(*)[3])a->answer);
+}
+
+// Without an eye. The last quarter is opaque: nothing scatters in it, whatever the tensor says.
+static void check_terms(struct defined_answers *a)
+{
+    const float y00 = 0.28209479f, *multiple = a->multiple, *got = a->answer;
+    float *own = a->own;
+    unsigned n_bright = 0;
+    a->q.term = PRT_ANSWER_MULTIPLE;
+    assert_int_equal(colors_of(a), 0);
+    for (int i = 0; i < 3 * N; i++) assert_float_equal(got[i], fmaxf(0, multiple[i]), 1e-4);
+    a->q.term = PRT_ANSWER_SINGLE;
+    assert_int_equal(colors_of(a), 0);
+    for (int i = 3 * (N - N / 4); i < 3 * N; i++)
+        for (int k = 0; k < 4; k++) own[k * 3 * N + i] = 0;
+    for (int i = 0; i < 3 * N; i++) assert_float_equal(got[i], fmaxf(0, y00 * own[i]), 1e-4);
+    a->q.term = PRT_ANSWER_TOTAL;
+    assert_int_equal(colors_of(a), 0);
+    for (int i = 0; i < 3 * N; i++) {
+        // never Fresnel on opaque surfaces
+        bool opaque = i / 3 >= N - N / 4;
+        double mean = opaque ? 1 : 0.938868, share = opaque ? 1 : a->divisor;
+        double want = fmax(0, mean * ((double)multiple[i] / share + (double)(y00 * own[i])));
+        assert_true(fabs((double)got[i] - want) < 1e-4 * (1 + want));
+        n_bright += got[i] > 0;
+    }
+    assert_true(n_bright > N / 2);
+}
+
+// The cosine at vertex v towards the eye, and the harmonics of that direction bent to the
+// normal: same azimuth, sine / eta.
+static float bent_harmonics(const struct prt_mesh *mesh, int v, const float eye[3], float y[4])
+{
+    const float *p = mesh->position[v], *n = mesh->normal[v];
+    float w[3] = {eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]}, inside[3], tangent[3];
+    float length = sqrtf(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), cosine = 0, l = 0;
+    for (int i = 0; i < 3; i++) cosine += (w[i] /= length) * n[i];
+    float sine = sqrtf(fmaxf(0, 1 - cosine * cosine)) / 1.3f;
+    for (int i = 0; i < 3; i++) tangent[i] = w[i] - cosine * n[i];
+    for (int i = 0; i < 3; i++) l += tangent[i] * tangent[i];
+    l = sqrtf(l);
+    for (int i = 0; i < 3; i++)
+        inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
+    prt_sh_eval(2, inside, y);
+    return cosine;
+}
+
+// Towards an eye: planes that are corrected for the view, times Fresnel's transmittance.
+static void check_view(struct defined_answers *a, const float eye[3])
+{
+    const float *own = a->own, *got = a->answer;
+    unsigned n_plane;
+    a->q.eye = eye;
+    toward_a_view(&a->t, a->multiple, a->divisor, a->own);
+    assert_int_equal(colors_of(a), 0);
+    for (int v = 0; v < N; v++) {
+        float y[4], cosine = bent_harmonics(&a->t.mesh, v, eye, y);
+        bool opaque = v >= N - N / 4;
+        double ft = cosine > 0 ? prt_fresnel_transmittance((double)1.3f, (double)cosine) : 0;
+        for (int at = 3 * v; at < 3 * v + 3; at++) {
+            double sum = (double)own[at];
+            for (int k = 1; k < (opaque ? 1 : 4); k++)
+                sum += (double)y[k] * (double)own[k * 3 * N + at];
+            double want = fmax(0, sum * (opaque ? 1 : ft / a->divisor));
+            if (cosine <= 0 && !opaque) assert_true(got[at] == 0); // it faces away
+            else assert_true(fabs((double)got[at] - want) < 2e-4 * (1 + fabs(sum)));
+        }
+    }
+    assert_int_equal(prt_answer_planes(&a->ctx, &a->t, &a->q, &n_plane, NULL), 0);
+    assert_int_equal(n_plane, 4);
+    assert_int_equal(prt_answer_planes(&a->ctx, &a->t, &a->q, &n_plane, a->answer), 0);
+    for (int i = 0; i < 4 * 3 * N; i++) assert_true(fabsf(got[i] - own[i]) < 1e-3f);
+}
+
+// What does not fit together is refused.
+static void check_refusals(struct defined_answers *a)
+{
+    float eye[3] = {30, NAN, 10};
+    a->q.media = a->t.media;
+    assert_int_equal(colors_of(a), PRT_MISMATCH);
+    a->q.media.n = 0;
+    a->cube.n = 8;
+    assert_int_equal(colors_of(a), PRT_MISMATCH);
+    a->cube.n = 16;
+    a->q.light = NULL;
+    assert_int_equal(colors_of(a), PRT_ARG);
+    a->q.light = &a->cube;
+    a->q.eye = eye;
+    assert_int_equal(colors_of(a), PRT_ARG);
+}
+
 // total = F_t(eta, w_o) [multiple/T + sum_k Y_k(w_o') plane_k], clamped; W05 section 5 and
 // METHODS §1 (exit). The planes of single scattering are corrected for the view.
 static void check_answers(bool papers)
 {
-    struct prt_context ctx = quiet();
-    struct prt_transport t;
-    struct prt_cube cube;
-    float eye[3] = {30, 80, 10};
-    struct prt_query q = {.light = &cube,
-                          .exit = papers ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED};
-    const float y00 = 0.28209479f;
-    const double divisor = papers ? 1 : 0.938868;
-    float *multiple = malloc(12 * N), *single = malloc(12 * N), *total = malloc(12 * N);
-    float *own = malloc(4 * 12 * N), *planes = malloc(4 * 12 * N);
-    unsigned n_plane, n_bright = 0;
-    transport_of(&t, &kind[0], &kind[1]);
-    some_cube(&cube);
-    struct prt_light light;
-    const struct prt_light *lights[1] = {&light};
-    assert_int_equal(prt_light_from_cube(&cube, &light), 0);
-    assert_int_equal(prt_relight(&ctx, &t.tensor[0], 1, lights, NULL, false, multiple), 0);
-    assert_int_equal(prt_relight(&ctx, &t.tensor[1], 1, lights, NULL, false, own), 0);
-
-    q.term = PRT_ANSWER_MULTIPLE;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
-    for (int i = 0; i < 3 * N; i++) assert_float_equal(total[i], fmaxf(0, multiple[i]), 1e-4);
-    q.term = PRT_ANSWER_SINGLE;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])single), 0);
-    // the last quarter is opaque: nothing scatters in it, whatever the tensor says
-    for (int i = 3 * (N - N / 4); i < 3 * N; i++)
-        for (int k = 0; k < 4; k++) own[k * 3 * N + i] = 0;
-    for (int i = 0; i < 3 * N; i++) assert_float_equal(single[i], fmaxf(0, y00 * own[i]), 1e-4);
-    q.term = PRT_ANSWER_TOTAL;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
-    for (int i = 0; i < 3 * N; i++) {
-        // never Fresnel on opaque surfaces
-        bool opaque = i / 3 >= N - N / 4;
-        double mean = opaque ? 1 : 0.938868, share = opaque ? 1 : divisor;
-        double want = fmax(0, mean * ((double)multiple[i] / share + (double)(y00 * own[i])));
-        assert_true(fabs((double)total[i] - want) < 1e-4 * (1 + want));
-        n_bright += total[i] > 0;
-    }
-    assert_true(n_bright > N / 2);
-
-    q.eye = eye;
-    toward_a_view(&t, multiple, divisor, own);
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
-    for (int v = 0; v < N; v++) {
-        const float *p = t.mesh.position[v], *n = t.mesh.normal[v];
-        float w[3] = {eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]}, y[4];
-        float length = sqrtf(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), cosine = 0;
-        for (int i = 0; i < 3; i++) cosine += (w[i] /= length) * n[i];
-        bool opaque = v >= N - N / 4;
-        // w bent to the normal: same azimuth, sine / eta
-        float inside[3], tangent[3], sine = sqrtf(fmaxf(0, 1 - cosine * cosine)) / 1.3f;
-        for (int i = 0; i < 3; i++) tangent[i] = w[i] - cosine * n[i];
-        float l =
-            sqrtf(tangent[0] * tangent[0] + tangent[1] * tangent[1] + tangent[2] * tangent[2]);
-        for (int i = 0; i < 3; i++)
-            inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
-        prt_sh_eval(2, inside, y);
-        double ft = cosine > 0 ? prt_fresnel_transmittance((double)1.3f, (double)cosine) : 0;
-        ft /= divisor;
-        for (int ch = 0; ch < 3; ch++) {
-            int at = 3 * v + ch;
-            double sum = (double)own[at], want;
-            for (int k = 1; k < (opaque ? 1 : 4); k++)
-                sum += (double)y[k] * (double)own[k * 3 * N + at];
-            want = fmax(0, sum * (opaque ? 1 : ft));
-            if (cosine <= 0 && !opaque) assert_true(total[at] == 0); // it faces away
-            else assert_true(fabs((double)total[at] - want) < 2e-4 * (1 + fabs(sum)));
-        }
-    }
-
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, NULL), 0);
-    assert_int_equal(n_plane, 4);
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, planes), 0);
-    for (int i = 0; i < 3 * N; i++) {
-        assert_true(fabsf(planes[i] - own[i]) < 1e-3f);
-        for (int k = 1; k < 4; k++)
-            assert_true(fabsf(planes[k * 3 * N + i] - own[k * 3 * N + i]) < 1e-3f);
-    }
-
-    // what does not fit together is refused
-    q.media = t.media;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
-    q.media.n = 0;
-    cube.n = 8;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
-    cube.n = 16;
-    q.light = NULL;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_ARG);
-    eye[1] = NAN;
-    q.light = &cube;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_ARG);
-
-    prt_light_finish(&light);
-    prt_cube_finish(&cube);
-    finish_transport(&t);
-    free(multiple);
-    free(single);
-    free(total);
-    free(own);
-    free(planes);
+    static const float eye[3] = {30, 80, 10};
+    struct defined_answers a;
+    answers_begin(&a, papers);
+    check_terms(&a);
+    check_view(&a, eye);
+    check_refusals(&a);
+    answers_end(&a);
 }
 
 static void answers_follow_the_command_contract(void **state)
