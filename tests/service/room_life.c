@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Review rooms over the protocol: what is acknowledged survives, people see each other, roles
-// and invitations are the daemon's to enforce.
+// and invitations are the daemon's to enforce. Above 600 lines: a list of scenarios, each
+// read alone.
 #include "room_frames.h"
 
 #include "lone_daemon.h"

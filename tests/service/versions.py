@@ -41,7 +41,7 @@ def records(folder):
 
 def colours(replica, model):
     """Waits for the replica's own bake of it."""
-    until("%s at %d" % (model, replica.number), 120, lambda: replica.ask().info(model).state == "ready")
+    until("%s at %d" % (model, replica.number), 500, lambda: replica.ask().info(model).state == "ready")
     return replica.ask().colors(model, "constant")
 
 

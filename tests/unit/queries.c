@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Answers to queries against the command contract: terms, views, planes of exit, media.
+// Answers to queries against the command contract: terms, views, planes of exit, media. Above
+// 600 lines: short cases, each read alone.
 #include "defined_tensors.h"
 
 static int transport_of(struct prt_transport *t, const struct synthetic_options *a,
