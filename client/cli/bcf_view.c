@@ -64,7 +64,7 @@ static void view_begins(void *user, const XML_Char *name, const XML_Char **attri
         if (!strcmp(name, vector_names[p->vector])) break;
 }
 
-// A finite number and nothing else; farther than this nobody stands from a model.
+// Reads the element's text as a number of metres, at most 1e6 in size. False: it is none.
 static bool read_number(struct bcf_xml *x, double *out)
 {
     char *end;

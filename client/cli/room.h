@@ -45,7 +45,7 @@ struct room_point {
     uint32_t object, triangle;
     double weight[2]; /* of the second and the third corner */
     double position[3];
-    double distance; /* from what was asked */
+    double distance; /* of the surface from the p of room_nearest, in the model's units */
 };
 /* Fills all but the distance from triangle and weights. */
 void room_point_fill(const struct relight_geometry *geometry, struct room_point *point);
@@ -68,9 +68,10 @@ cJSON *bcf_view_read(const void *bytes, size_t n);
 /* False: json is none. */
 bool bcf_view_of(const cJSON *json, struct bcf_view *out);
 
-/* room_view.c: the point of the model that the middle of the view shows, or the nearest one to
- * it, and the camera; both in the model's own units. False: floats cannot tell the view's eye
- * from what it sees. */
+/* room_view.c: *at is where the ray through the middle of the view meets the model, or else the
+ * point of the model nearest to where that ray passes its middle; *camera is the view's. Both
+ * are in the model's own units. False: eye and target are the same point when rounded to
+ * floats. */
 bool room_look(const struct relight_geometry *geometry, const struct bcf_view *view,
                struct room_point *at, struct relight_camera *camera);
 
@@ -91,7 +92,8 @@ bool whole_word(const char *word, uint64_t *out);
 /* room_material.c: the approved material for other programs, into the folder of -o. */
 int export_material(struct room_call *c, const cJSON *state);
 
-/* room_verdict.c: what the room shows now, as far as a decision about it is concerned. */
+/* room_verdict.c: the revision, model and bake that the room shows now, to be compared with
+ * those that a decision was made about. */
 struct room_now {
     unsigned revision; /* number of the revision that the scene is; 0: it was not saved */
     char model[40], mesh_hash[20], bake_hash[20]; /* of the scene's model; "": not known */
@@ -102,7 +104,7 @@ void room_now(struct room_call *c, const cJSON *state, struct room_now *out);
 void room_now_scene(const cJSON *state, struct room_now *out);
 /* What happened to the model since the decision, in words; "": nothing, or it is not known. */
 const char *room_model_change(const cJSON *decision, const struct room_now *now);
-/* Whether the room shows what the decision was about. */
+/* Whether the room still shows the revision, mesh and bake that the decision was made about. */
 bool room_stands(const cJSON *decision, const struct room_now *now);
 
 /* room_compare.c: a decision's picture against the scene now, as a sheet in a PNG file; prints

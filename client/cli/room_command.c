@@ -178,7 +178,7 @@ static int revoke(struct room_call *c)
 
 // ---- the scene
 
-// Of the room's shade what was not named stays.
+// Fields of the shade that the command does not set keep the values of the room's scene.
 static int keep_shade(struct room_call *c, cJSON *scene)
 {
     cJSON *shade = cJSON_GetObjectItem(scene, "shade");

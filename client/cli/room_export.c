@@ -203,7 +203,8 @@ static cJSON *note_text(const cJSON *author, const cJSON *date, const char *text
     return cJSON_CreateString(all);
 }
 
-// What a topic of another program needs: it names no point of the surface, but has a view.
+// State for topics that another program wrote. They name no point of the surface; their view
+// says where the pin belongs.
 struct placing {
     struct room_call *c;
     cJSON *state; // NULL: not asked for yet

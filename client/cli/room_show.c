@@ -222,7 +222,8 @@ int room_log(struct room_call *c)
     }
 }
 
-// The model is asked for before: nothing else can be asked while news come.
+// `now` is filled before the watch begins: while it lasts the connection carries no other
+// request.
 struct watching {
     struct room_call *c;
     struct room_now now;

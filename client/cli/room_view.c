@@ -17,8 +17,9 @@ static void cross(const double a[3], const double b[3], double out[3])
         out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
 }
 
-// Where the ray meets a triangle from either side: the distance and the weights of the second
-// and the third corner. INFINITY: nowhere. Moeller and Trumbore 1997.
+// Intersection of a ray with a triangle, from either side (Moeller and Trumbore 1997). Returns
+// the distance along the ray, INFINITY where they do not meet; w: the barycentric weights of
+// the second and the third corner.
 static double meet(const double eye[3], const double direction[3], const double corner[3][3],
                    double w[2])
 {

@@ -79,7 +79,8 @@ static void take_event(struct follow *f, const cJSON *event)
     if (change || f->stale) f->changed = true;
 }
 
-// A participant that is new, changed or gone. What a hand holds is part of the picture.
+// Adds, replaces or removes a participant. A change that a participant is making, and has not
+// finished, is part of the picture: where there is one, before or after, it is drawn again.
 static void take_person(struct follow *f, const cJSON *person)
 {
     cJSON *old, *next;
@@ -151,7 +152,7 @@ static cJSON *next_scene(struct follow *f, bool *stale)
     return scene;
 }
 
-// Fetches the scene, and leaves it to next_scene.
+// Fetches the room's state; next_scene draws it.
 static int fetch(struct follow *f)
 {
     char *text;

@@ -192,7 +192,8 @@ static void check_output(struct argp_state *state, const struct options *o)
         argp_error(state, "--difference: -o FILE has to end in .png, with a background");
 }
 
-// What is drawn comes from the room, or from ID and --env.
+// --follow ROOM takes model, lights, materials and camera from the room. Without it ID and
+// --env are required.
 static void check_follow(struct argp_state *state, const struct options *o)
 {
     if (!o->follow && !o->model) argp_error(state, "ID is missing");

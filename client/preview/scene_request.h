@@ -10,7 +10,7 @@
 
 enum { SCENE_LIGHTS = 16, SCENE_MATERIALS = 64 };
 
-/* A request and what it points into. */
+/* An image request with the arrays and the message that its pointers point into. */
 struct scene_request {
     struct relight_image_request request;
     struct relight_light light[SCENE_LIGHTS];

@@ -137,13 +137,7 @@ static int bake_unscattered(struct joint *j, const struct probes *probes)
 static int bake_opaque(struct bake *b)
 {
     struct probes probes = {0};
-    struct tensor_job job = {.bake = b,
-                             .term = PRT_TERM_MULTIPLE,
-                             .stage = "opaque surfaces",
-                             .range = opaque_range,
-                             .n_function = 3,
-                             .n_phase = 1,
-                             .probes = &probes};
+    struct tensor_job job = prt_bake_channels(b, "opaque surfaces", opaque_range, &probes);
     int status = prt_probes_create(b, OPAQUE_PROBES, &probes);
     if (status == PRT_OK) status = prt_bake_tensor(&job);
     prt_probes_finish(&probes);

@@ -95,6 +95,9 @@ struct tensor_job {
     const struct lit_rows *lit; /* or NULL */
     struct work_meters *work;
 };
+/* The job of multiple scattering with a material that is fixed: a function a channel. */
+struct tensor_job prt_bake_channels(struct bake *bake, const char *stage, prt_loop_fn range,
+                                    const struct probes *probes);
 /* Bakes the tensor of the next slot: rows by job->range over all clusters, then packing. */
 int prt_bake_tensor(struct tensor_job *job);
 /* Frees the rows of pass 1 times the lights, which multiple scattering leaves in b->lit for

@@ -221,6 +221,18 @@ void prt_bake_drop_lit(struct bake *b)
     b->lit = NULL;
 }
 
+struct tensor_job prt_bake_channels(struct bake *bake, const char *stage, prt_loop_fn range,
+                                    const struct probes *probes)
+{
+    return (struct tensor_job){.bake = bake,
+                               .term = PRT_TERM_MULTIPLE,
+                               .stage = stage,
+                               .range = range,
+                               .n_function = 3,
+                               .n_phase = 1,
+                               .probes = probes};
+}
+
 int prt_bake_tensor(struct tensor_job *job)
 {
     struct bake *b = job->bake;

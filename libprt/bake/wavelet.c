@@ -91,13 +91,8 @@ int prt_bake_wavelet(struct bake *b)
     struct probes probes = {0};
     int status = prt_bake_irradiance(b);
     if (status == PRT_OK) status = prt_probes_create(b, WAVELET_PROBES, &probes);
-    struct tensor_job multiple = {.bake = b,
-                                  .term = PRT_TERM_MULTIPLE,
-                                  .stage = "multiple scattering",
-                                  .range = multiple_range,
-                                  .n_function = 3,
-                                  .n_phase = 1,
-                                  .probes = &probes};
+    struct tensor_job multiple =
+        prt_bake_channels(b, "multiple scattering", multiple_range, &probes);
     if (status == PRT_OK) status = prt_bake_tensor(&multiple);
     struct tensor_job unscattered = multiple;
     unscattered.term = PRT_TERM_UNSCATTERED;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Models of other replicas: the look at the folder's records on a worker, and what follows from
-// it on the loop.
+// Models of other replicas: the look at the folder's records on a worker, and what follows
+// from it on the loop. Above 600 lines: records, looks and waiters change together on the
+// loop.
 #include "ops/shared_models.h"
 
 #include "core/log.h"

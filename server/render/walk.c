@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The walk of one evaluation over its steps. Each step takes the cache entries it depends on;
 // where some are pending the walk stops, and the last of them that ends resumes it. The last
-// step (finish.c) belongs to this evaluation alone.
+// step (finish.c) belongs to this evaluation alone. Above 600 lines: the order of the steps
+// is what the file says.
 #include "render/walk.h"
 
 #include "core/log.h"

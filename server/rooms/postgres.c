@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The statements of the store in PostgreSQL. Values are sent and received as binary: 8-byte
-// integers in network order, bytes and texts as they are.
+// integers in network order, bytes and texts as they are. Above 600 lines: a list of
+// statements, each with the reader of its rows.
 #include "rooms/postgres.h"
 
 #include "core/loop.h"

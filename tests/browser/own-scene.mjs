@@ -5,38 +5,15 @@ import { spawnSync } from "node:child_process";
 import { copyFileSync } from "node:fs";
 import { join } from "node:path";
 import assert from "node:assert/strict";
+import { people, roomOf } from "./people.mjs";
 
-const named = (name) => ({
-  viewport: { width: 1100, height: 700 },
-  init: `localStorage.setItem("relight-name", ${JSON.stringify(name)});`,
-});
 const stateOf = (page) =>
   page.evaluate(() => JSON.parse(JSON.stringify(globalThis.relightViewer.state)));
 
 /** tools: as roomScenarios of rooms.mjs; bin and folder of page.mjs. */
 export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE }) {
-  const enter = async (url, name) => {
-    const page = await open("about:blank", named(name));
-    await page.addInitScript(named(name).init);
-    await page.goto(url);
-    return page;
-  };
-  const begin = async (home, words, title, drawn = "mesh") => {
-    const page = await enter(`${home}/#${words}`, "Ann");
-    await mode(page, drawn);
-    await page.getByRole("button", { name: /^Rooms/ }).click();
-    await page.getByLabel("A new room about this picture").fill(title);
-    await page.getByRole("button", { name: "Create the room" }).click();
-    await page.locator(".room-bar").waitFor(PATIENCE);
-    return page;
-  };
-  const join_ = async (page, name) => {
-    const other = await enter(page.url().replace(/#.*/, ""), name);
-    await other.locator(".room-bar").waitFor(PATIENCE);
-    await mode(other, "mesh");
-    return other;
-  };
-  const idOf = (page) => /room=([0-9a-f]{32})/.exec(page.url())[1];
+  const { enter, create, join: join_, rests, pin } = people({ open, mode, PATIENCE });
+  const begin = (home, words, title, drawn) => create(home, words, "Ann", title, drawn);
   const relight = (...words) => {
     const done = spawnSync(join(bin, "relight"), [
       "-s",
@@ -47,18 +24,8 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
     return String(done.stdout);
   };
   const shown = (room) => JSON.parse(relight("room", "show", room, "--json"));
-  const rests = (page) =>
-    page.waitForFunction(() => globalThis.relightRoom.rests(), null, PATIENCE);
   const until = (page, test, argument) => page.waitForFunction(test, argument, PATIENCE);
   const turned = (deg) => Math.abs(globalThis.relightViewer.state.lamps[0].rotate - deg) < 1e-3;
-  const pin = async (page, text, at) => {
-    await page.locator(".stage").focus();
-    await page.keyboard.press("p");
-    await page.mouse.click(...at);
-    await page.getByLabel("What is wrong here").fill(text);
-    await page.getByRole("button", { name: "Place the pin" }).click();
-    await page.locator(".pin-row", { hasText: text }).waitFor(PATIENCE);
-  };
 
   return {
     async "who looks around alone is followed there"(home) {
@@ -73,7 +40,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
         location.hash = "model=open.prt&material=skin1&light=constant@77,0&exposure=1";
       });
       await until(bob, () => globalThis.relightViewer.info?.name === "open.prt");
-      const before = roomLog(idOf(ann)).length;
+      const before = roomLog(roomOf(ann)).length;
       await ann.getByTitle(/^Bob Stone, /).click();
       await ann.getByText("You see what Bob Stone sees alone.").waitFor(PATIENCE);
       await until(
@@ -103,7 +70,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       // A pin is of what its author sees.
       await mode(ann, "mesh");
       await pin(ann, "in skin", [330, 360]);
-      const log = roomLog(idOf(ann)).slice(before);
+      const log = roomLog(roomOf(ann)).slice(before);
       assert.deepEqual(
         log.map(({ action }) => Object.keys(action)[0]),
         ["pin"],
@@ -141,7 +108,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
         "model=toy.prt&light=constant@0,0&material.Left=ketchup",
         "Media",
       );
-      const room = idOf(ann);
+      const room = roomOf(ann);
       const bob = await join_(ann, "Bob");
       await until(bob, () => globalThis.relightViewer.state.materials.Left === "ketchup");
       relight("room", "scene", room, "--engine", "texture");
@@ -185,7 +152,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       await pin(ann, "before the bake", [330, 360]);
       await ann.locator(".pin-mark").waitFor(PATIENCE);
       await shot(ann, "room-preview");
-      const [{ seen, at }] = shown(idOf(ann)).pins;
+      const [{ seen, at }] = shown(roomOf(ann)).pins;
       assert.match(seen.mesh_hash, /^[0-9a-f]{16}$/);
       assert.ok(!seen.bake_hash);
       assert.equal(
@@ -214,7 +181,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       await ann.locator(".thread").waitFor(PATIENCE);
       assert.equal(await ann.getByText(/Placed on another model|cannot be placed/).count(), 0);
       await rests(ann);
-      const anchor = JSON.parse(relight("room", "anchors", idOf(ann), "--json"));
+      const anchor = JSON.parse(relight("room", "anchors", roomOf(ann), "--json"));
       assert.equal(anchor.state, "same");
       assert.equal(anchor.at.triangle, at.triangle ?? 0);
       // Its picture needs the model: where that is gone the thread says so, and so does the print.

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The real page in Debian's Chromium against a real relightd: one scenario after another, each
 // with its own assertions. Arguments: the folder of the programs, the folder of client/web, and
-// optionally a folder for screenshots. Exits with 77 where there is no Chromium.
+// optionally a folder for screenshots. Exits with 77 where there is no Chromium. Above 600 lines:
+// a list of scenarios, each read alone.
 import { spawn, spawnSync } from "node:child_process";
 import { createServer } from "node:http";
 import {

@@ -2,41 +2,13 @@
 // One person's review: strokes on the surface, revisions compared and brought back, pins on a model
 // that was replaced, variants, links to pins, a leader. For page.mjs.
 import assert from "node:assert/strict";
-
-const named = (name) => ({
-  storageState: undefined,
-  viewport: { width: 1100, height: 700 },
-  permissions: ["clipboard-read", "clipboard-write"],
-});
+import { people, roomOf } from "./people.mjs";
 
 /** tools: as roomScenarios of rooms.mjs. */
 export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }) {
-  const enter = async (url, name) => {
-    const page = await open("about:blank", named(name));
-    await page.addInitScript(`localStorage.setItem("relight-name", ${JSON.stringify(name)});`);
-    await page.goto(url);
-    return page;
-  };
-  const rests = (page) =>
-    page.waitForFunction(() => globalThis.relightRoom.rests(), null, PATIENCE);
-  const begin = async (home, name, title) => {
-    const page = await enter(`${home}/#model=marble.prt&light=constant@0,0`, name);
-    await mode(page, "mesh");
-    await page.getByRole("button", { name: /^Rooms/ }).click();
-    await page.getByLabel("A new room about this picture").fill(title);
-    await page.getByRole("button", { name: "Create the room" }).click();
-    await page.locator(".room-bar").waitFor(PATIENCE);
-    return page;
-  };
-  const idOf = (page) => /room=([0-9a-f]{32})/.exec(page.url())[1];
-  const pin = async (page, text, at) => {
-    await page.locator(".stage").focus();
-    await page.keyboard.press("p");
-    await page.mouse.click(...at);
-    await page.getByLabel("What is wrong here").fill(text);
-    await page.getByRole("button", { name: "Place the pin" }).click();
-    await page.locator(".pin-row", { hasText: text }).waitFor(PATIENCE);
-  };
+  const { enter, create, rests, pin } = people({ open, mode, PATIENCE });
+  const begin = (home, name, title) =>
+    create(home, "model=marble.prt&light=constant@0,0", name, title);
 
   return {
     async "strokes are drawn on the surface"(home) {
@@ -57,7 +29,7 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
         "the hand that draws does not turn the camera",
       );
       await ann.keyboard.press("Escape");
-      const strokes = roomLog(idOf(ann)).filter(({ action }) => action.stroke);
+      const strokes = roomLog(roomOf(ann)).filter(({ action }) => action.stroke);
       assert.equal(strokes.length, 1);
       const { points, pin: of } = strokes[0].action.stroke;
       assert.ok(points.length >= 10 && Number(of) > 0);
@@ -93,11 +65,11 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
         await ann.locator(".revisions li", { hasText: note }).waitFor(PATIENCE);
       };
       await save("as it came");
-      const first = roomLog(idOf(ann)).length;
+      const first = roomLog(roomOf(ann)).length;
       await ann.locator(".stage").focus();
       for (let i = 0; i < 8; i++) await ann.keyboard.press("ArrowLeft");
       await save("turned");
-      assert.ok(roomLog(idOf(ann)).length > first);
+      assert.ok(roomLog(roomOf(ann)).length > first);
       assert.equal(await ann.locator(".revisions li").count(), 2);
       await ann
         .locator(".revisions li")

@@ -2,12 +2,7 @@
 // Two browsers in one review room: what one does the other sees, and how soon. For page.mjs, which
 // brings the daemon and the browser. Nothing fails by speed; the times are printed.
 import assert from "node:assert/strict";
-
-const named = (name) => ({
-  storageState: undefined,
-  viewport: { width: 1100, height: 700 },
-  init: `localStorage.setItem("relight-name", ${JSON.stringify(name)});`,
-});
+import { people, placePin } from "./people.mjs";
 
 // The times at which a page showed a turn of its first lamp.
 const watchTurns = (page) =>
@@ -73,42 +68,23 @@ function quantile(values, share) {
   return sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
 }
 
-async function placePin(page, text, at) {
-  await page.locator(".stage").focus();
-  await page.keyboard.press("p");
-  await page.mouse.click(...at);
-  await page.getByLabel("What is wrong here").fill(text);
-  const begin = Date.now();
-  await page.getByRole("button", { name: "Place the pin" }).click();
-  return begin;
-}
-
 /** tools: open, mode, shot, axe, roomLog, PATIENCE of page.mjs. */
 export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
   const sceneEvents = (room) => roomLog(room).filter(({ action }) => action.scene);
-  // A page of its own person.
-  const enter = async (url, name) => {
-    const page = await open("about:blank", named(name));
-    await page.addInitScript(named(name).init);
-    await page.goto(url);
-    return page;
-  };
-  const inRoom = (page) => page.locator(".room-bar").waitFor(PATIENCE);
+  const { enter, create, join, inRoom } = people({ open, mode, PATIENCE });
 
   return {
     async "two people review in a room"(home) {
-      const ann = await enter(`${home}/#model=marble.prt&light=page:studio@20,0`, "Ann");
-      await mode(ann, "mesh");
-      await ann.getByRole("button", { name: /^Rooms/ }).click();
-      await ann.getByLabel("A new room about this picture").fill("Bumps in marble");
-      await ann.getByRole("button", { name: "Create the room" }).click();
-      await inRoom(ann);
+      const ann = await create(
+        home,
+        "model=marble.prt&light=page:studio@20,0",
+        "Ann",
+        "Bumps in marble",
+      );
       const link = ann.url();
       const room = /room=([0-9a-f]{32})/.exec(link)[1];
       assert.match(link, /\?room=[0-9a-f]{32}/);
-      const bob = await enter(link.replace(/#.*/, ""), "Bob Stone");
-      await inRoom(bob);
-      await mode(bob, "mesh");
+      const bob = await join(ann, "Bob Stone");
       await ann.getByTitle(/^Bob Stone, /).waitFor(PATIENCE);
       await bob.getByTitle(/^Ann, /).waitFor(PATIENCE);
 
@@ -257,15 +233,8 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
 
     // What was done offline is done once, and a conflict is told.
     async "a room after a lost connection"(home) {
-      const ann = await enter(`${home}/#model=marble.prt&light=constant@0,0`, "Ann");
-      await mode(ann, "mesh");
-      await ann.getByRole("button", { name: /^Rooms/ }).click();
-      await ann.getByLabel("A new room about this picture").fill("Offline");
-      await ann.getByRole("button", { name: "Create the room" }).click();
-      await inRoom(ann);
-      const bob = await enter(ann.url().replace(/#.*/, ""), "Bob");
-      await inRoom(bob);
-      await mode(bob, "mesh");
+      const ann = await create(home, "model=marble.prt&light=constant@0,0", "Ann", "Offline");
+      const bob = await join(ann, "Bob");
       // The link is down until it is put up again.
       await bob.evaluate(() => {
         const { client } = globalThis.relightViewer;

@@ -5,9 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "prt/mesh.h"
 #include "relight.pb-c.h"
-#include "synthetic.h"
 
 #define COUNT(list) (sizeof(list) / sizeof *(list))
 
@@ -22,142 +20,10 @@ void bytes_add(struct bytes *out, const void *bytes, size_t n)
     out->n += n;
 }
 
-// ---- the world
-
-// The mesh that the made-up bakes are of, as a GLB.
-static void make_glb(struct blob *blob)
-{
-    struct prt_mesh mesh;
-    char json[1200];
-    if (synthetic_mesh(MODEL_VERTICES, false, &mesh)) abort();
-    unsigned positions = 12 * mesh.n_vertex, triangles = 12 * mesh.n_triangle;
-    int n = snprintf(
-        json, sizeof json,
-        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
-        "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
-        "\"indices\":1}]}],\"buffers\":[{\"byteLength\":%u}],\"bufferViews\":["
-        "{\"buffer\":0,\"byteLength\":%u},{\"buffer\":0,\"byteOffset\":%u,\"byteLength\":%u}],"
-        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":%u,\"type\":\"VEC3\","
-        "\"min\":[0,-1,0],\"max\":[4,1,5]},{\"bufferView\":1,\"componentType\":5125,"
-        "\"count\":%u,\"type\":\"SCALAR\"}]}",
-        positions + triangles, positions, positions, triangles, mesh.n_vertex,
-        3 * mesh.n_triangle);
-    while (n % 4) json[n++] = ' ';
-    uint32_t text = (uint32_t)n, binary = positions + triangles;
-    uint32_t head[5] = {0x46546c67, 2, 28 + text + binary, text, 0x4e4f534a};
-    uint32_t chunk[2] = {binary, 0x004e4942};
-    struct bytes all = {0};
-    bytes_add(&all, head, sizeof head);
-    bytes_add(&all, json, text);
-    bytes_add(&all, chunk, sizeof chunk);
-    bytes_add(&all, mesh.position, positions);
-    bytes_add(&all, mesh.triangle, triangles);
-    if (all.n > sizeof blob->bytes) abort();
-    memcpy(blob->bytes, all.at, all.n);
-    blob->n = all.n;
-    strcpy(blob->name, "tiny.glb");
-    free(all.at);
-    synthetic_mesh_finish(&mesh);
-}
-
-static void make_hdr(struct blob *blob)
-{
-    static const char head[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n";
-    memcpy(blob->bytes, head, sizeof head - 1);
-    blob->n = sizeof head - 1;
-    for (int i = 0; i < 32; i++, blob->n += 4)
-        memcpy(blob->bytes + blob->n, (uint8_t[]){(uint8_t)(8 * i), 100, 50, 129}, 4);
-    strcpy(blob->name, "sky.hdr");
-}
-
-void world_init(struct world *world, struct rnd *r)
-{
-    *world = (struct world){.rnd = r};
-    make_glb(&world->blob[0]);
-    make_hdr(&world->blob[1]);
-    for (unsigned b = 2; b < WORLD_BLOBS; b++) {
-        struct blob *blob = &world->blob[b];
-        blob->n = b == 2 ? 64 : 3000;
-        for (size_t i = 0; i < blob->n; i++) blob->bytes[i] = (uint8_t)rnd(r, 256);
-        if (b == 2) memcpy(blob->bytes, "\x89PNG\r\n\x1a\n", 8);
-        strcpy(blob->name, b == 2 ? "map.png" : "noise");
-    }
-    for (unsigned b = 0; b < WORLD_BLOBS; b++) {
-        struct relight_sha256 sha;
-        relight_sha256_init(&sha);
-        relight_sha256_add(&sha, world->blob[b].bytes, world->blob[b].n);
-        relight_sha256_hex(&sha, world->blob[b].hash);
-    }
-}
-
-void world_forget(struct world *world)
-{
-    world->n_model = world->n_job = world->n_pose = world->n_room = 0;
-}
-
-void world_learn_model(struct world *world, const char *id)
-{
-    for (unsigned i = 0; i < world->n_model && i < WORLD_MODELS; i++)
-        if (!strcmp(world->model[i], id)) return;
-    unsigned at =
-        world->n_model < WORLD_MODELS ? world->n_model++ : rnd(world->rnd, WORLD_MODELS);
-    snprintf(world->model[at], sizeof world->model[at], "%s", id);
-}
-
-void world_learn_pose(struct world *world, const char *name)
-{
-    unsigned at = world->n_pose < WORLD_POSES ? world->n_pose++ : rnd(world->rnd, WORLD_POSES);
-    snprintf(world->pose[at], sizeof world->pose[at], "%s", name);
-}
-
-void world_learn_room(struct world *world, const char *id)
-{
-    unsigned at = world->n_room < WORLD_ROOMS ? world->n_room++ : rnd(world->rnd, WORLD_ROOMS);
-    snprintf(world->room[at], sizeof world->room[at], "%s", id);
-}
-
-// Rarely one: pictures of poses are drawn by slower engines.
-static char *any_pose(struct world *world)
-{
-    struct rnd *r = world->rnd;
-    if (!rnd_chance(r, 4)) return "";
-    if (!world->n_pose || rnd_chance(r, 12))
-        return rnd_chance(r, 2) ? "abc" : world->blob[0].hash;
-    return world->pose[rnd(r, world->n_pose)];
-}
-
-void world_learn_job(struct world *world, const char *id)
-{
-    for (unsigned i = 0; i < world->n_job; i++)
-        if (!strcmp(world->job[i], id)) return;
-    unsigned at = world->n_job < WORLD_JOBS ? world->n_job++ : rnd(world->rnd, WORLD_JOBS);
-    snprintf(world->job[at], sizeof world->job[at], "%s", id);
-    world->cancelled[at] = false;
-}
-
-const char *world_job(struct world *world)
-{
-    struct rnd *r = world->rnd;
-    unsigned at = rnd(r, world->n_job);
-    if (!world->n_job || rnd_chance(r, 16)) return rnd_chance(r, 2) ? "job-1" : "job-none";
-    for (unsigned i = 0; i < world->n_job && world->cancelled[at] && !rnd_chance(r, 2000); i++)
-        at = (at + 1) % world->n_job;
-    return world->job[at];
-}
-
-static const char *any_model(struct world *world)
-{
-    static const char *const other[] = {"", "tiny", "tiny.glb", "no such model",
-                                        "0123456789abcdef"};
-    struct rnd *r = world->rnd;
-    if (!world->n_model || rnd_chance(r, 12)) return RND_PICK(r, other);
-    return world->model[rnd(r, world->n_model)];
-}
-
 // ---- pieces
 
 // Lengths, counts and numbers at which somebody may have erred.
-static uint32_t odd_number(struct rnd *r)
+uint32_t rnd_odd(struct rnd *r)
 {
     static const uint32_t odd[] = {0,     1,          2,          3,         7,    16,
                                    63,    64,         255,        256,       4096, 65535,
@@ -291,7 +157,7 @@ struct lights {
     float *payload;
 };
 
-static char *environment(struct world *world, char text[128])
+char *message_environment(struct world *world, char text[128])
 {
     struct rnd *r = world->rnd;
     static const char *const plain[] = {"constant",       "constant:1,2,3", "constant:-1,0,0",
@@ -310,10 +176,11 @@ static void lights(struct world *world, struct lights *l)
         Relight__Light *light = l->at[i] = &l->light[i];
         relight__light__init(light);
         if (rnd_chance(r, 5)) {
-            light->cube_n = rnd_chance(r, 20) ? odd_number(r) : CUBE;
+            light->cube_n = rnd_chance(r, 20) ? rnd_odd(r) : CUBE;
             cubes += light->cube_n == CUBE;
         }
-        if (!light->cube_n || rnd_chance(r, 50)) light->env = environment(world, l->env[i]);
+        if (!light->cube_n || rnd_chance(r, 50))
+            light->env = message_environment(world, l->env[i]);
         if (rnd_chance(r, 2)) light->rotate_deg = real(r, -360, 360);
         if (rnd_chance(r, 3)) light->gain = vec3(r, &l->gain[i], 0, 2);
     }
@@ -334,7 +201,7 @@ static Relight__Picture *picture(struct rnd *r, struct picture *p)
 {
     relight__picture__init(&p->picture);
     relight__camera__init(&p->camera);
-    p->picture.width = rnd_chance(r, 50) ? odd_number(r) : 1 + rnd(r, 24);
+    p->picture.width = rnd_chance(r, 50) ? rnd_odd(r) : 1 + rnd(r, 24);
     p->picture.height = 1 + rnd(r, 24);
     p->picture.format = (Relight__ImageFormat)rnd(r, 7);
     p->picture.quality = rnd_chance(r, 4) ? rnd(r, 120) : 0;
@@ -342,7 +209,7 @@ static Relight__Picture *picture(struct rnd *r, struct picture *p)
     p->picture.exposure_ev = real(r, -4, 4);
     p->picture.plain_background = rnd_chance(r, 2);
     if (rnd_chance(r, 4)) p->picture.background = vec3(r, &p->vector[3], 0, 1);
-    p->picture.samples = rnd_chance(r, 8) ? odd_number(r) : 1u << rnd(r, 4);
+    p->picture.samples = rnd_chance(r, 8) ? rnd_odd(r) : 1u << rnd(r, 4);
     p->picture.no_specular = rnd_chance(r, 2);
     p->picture.transparent = rnd_chance(r, 4);
     if (rnd_chance(r, 3)) {
@@ -373,9 +240,6 @@ void message_emit(struct world *world, uint16_t type, uint64_t id,
     free(head);
 }
 
-#define EMIT(NAME, message) \
-    message_emit(world, RELIGHT_TYPE_##NAME, id, &(message).base, NULL, 0, out)
-
 void message_hello(struct world *world, uint64_t id, bool good, struct bytes *out)
 {
     static const uint64_t payload[] = {0, 0, 0, 0, 0, 4096, 4096, 65536, 1ull << 40, 100};
@@ -383,7 +247,7 @@ void message_hello(struct world *world, uint64_t id, bool good, struct bytes *ou
     Relight__HelloRequest in = RELIGHT__HELLO_REQUEST__INIT;
     in.client = "fuzz";
     in.version_min = !good && rnd_chance(r, 40) ? 2 : 0;
-    in.version_max = !good && rnd_chance(r, 40) ? odd_number(r) : 1;
+    in.version_max = !good && rnd_chance(r, 40) ? rnd_odd(r) : 1;
     in.max_payload = good ? 0 : RND_PICK(r, payload);
     EMIT(HELLO, in);
 }
@@ -447,8 +311,8 @@ void message_load(struct world *world, uint64_t id, enum load_kind kind, struct 
         bool other = kind != LOAD_SAME_BAKE;
         bake.seed = !plain && rnd_chance(r, 3) ? rnd(r, 4) : (world->last_seed += other);
         if (!plain && rnd_chance(r, 8)) bake.transport = (Relight__Transport)rnd(r, 5);
-        if (!plain && rnd_chance(r, 12)) bake.cube = odd_number(r);
-        if (!plain && rnd_chance(r, 12)) bake.env = environment(world, env);
+        if (!plain && rnd_chance(r, 12)) bake.cube = rnd_odd(r);
+        if (!plain && rnd_chance(r, 12)) bake.env = message_environment(world, env);
     }
     struct object_materials objects;
     if (!plain && rnd_chance(r, 6)) {
@@ -461,37 +325,38 @@ void message_load(struct world *world, uint64_t id, enum load_kind kind, struct 
     EMIT(LOAD, in);
 }
 
-static void update_vertices(struct world *world, uint64_t id, struct bytes *out)
+void message_update_vertices(struct world *world, uint64_t id, uint64_t other,
+                             struct bytes *out)
 {
     struct rnd *r = world->rnd;
     Relight__UpdateVerticesRequest in = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
     float vertex[MODEL_VERTICES * 6];
-    in.model = (char *)any_model(world);
-    in.first = rnd_chance(r, 16) ? odd_number(r) : rnd(r, MODEL_VERTICES);
+    in.model = (char *)world_any_model(world);
+    in.first = rnd_chance(r, 16) ? rnd_odd(r) : rnd(r, MODEL_VERTICES);
     in.n = rnd(r, MODEL_VERTICES - in.first % MODEL_VERTICES + 1);
     in.has_normals = rnd_chance(r, 2);
     in.own_units = rnd_chance(r, 2);
     if (rnd_chance(r, 3)) in.if_generation = rnd(r, 4);
     size_t n = in.n * (in.has_normals ? 24u : 12u);
     for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
-    if (rnd_chance(r, 20)) in.n = odd_number(r);
+    if (rnd_chance(r, 20)) in.n = rnd_odd(r);
     message_emit(world, RELIGHT_TYPE_UPDATE_VERTICES, id, &in.base, vertex, n, out);
 }
 
-static void put_pose(struct world *world, uint64_t id, struct bytes *out)
+void message_put_pose(struct world *world, uint64_t id, uint64_t other, struct bytes *out)
 {
     struct rnd *r = world->rnd;
     Relight__PutPoseRequest in = RELIGHT__PUT_POSE_REQUEST__INIT;
     float vertex[MODEL_VERTICES * 6];
-    in.model = (char *)any_model(world);
-    in.base_pose = any_pose(world);
-    in.first = rnd_chance(r, 16) ? odd_number(r) : rnd(r, MODEL_VERTICES);
+    in.model = (char *)world_any_model(world);
+    in.base_pose = world_any_pose(world);
+    in.first = rnd_chance(r, 16) ? rnd_odd(r) : rnd(r, MODEL_VERTICES);
     in.n = rnd(r, MODEL_VERTICES - in.first % MODEL_VERTICES + 1);
     in.has_normals = rnd_chance(r, 2);
     in.own_units = rnd_chance(r, 2);
     size_t n = in.n * (in.has_normals ? 24u : 12u);
     for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
-    if (rnd_chance(r, 20)) in.n = odd_number(r);
+    if (rnd_chance(r, 20)) in.n = rnd_odd(r);
     Relight__FileRef file = RELIGHT__FILE_REF__INIT, *files[2] = {&file, &file};
     if (rnd_chance(r, 5)) {
         in.animation = RND_PICK(r, ((char *[]){"walk", "", "\xc3\xa4", "a"}));
@@ -506,27 +371,27 @@ static void put_pose(struct world *world, uint64_t id, struct bytes *out)
     message_emit(world, RELIGHT_TYPE_PUT_POSE, id, &in.base, vertex, n, out);
 }
 
-static void colors(struct world *world, uint64_t id, struct bytes *out)
+void message_colors(struct world *world, uint64_t id, uint64_t other, struct bytes *out)
 {
     struct rnd *r = world->rnd;
     Relight__ColorsRequest in = RELIGHT__COLORS_REQUEST__INIT;
     struct lights l;
     struct shade s;
     lights(world, &l);
-    in.model = (char *)any_model(world);
+    in.model = (char *)world_any_model(world);
     in.lights = l.at;
     in.n_lights = l.n;
     in.sum = rnd_chance(r, 2);
     if (!rnd_chance(r, 3)) in.shade = shade(world, &s);
     in.format = (Relight__ColorFormat)rnd(r, 6);
-    in.most_rank = rnd_chance(r, 3) ? (uint32_t)odd_number(r) : 0;
+    in.most_rank = rnd_chance(r, 3) ? (uint32_t)rnd_odd(r) : 0;
     in.phases = rnd_chance(r, 2);
-    in.pose = any_pose(world);
+    in.pose = world_any_pose(world);
     message_emit(world, RELIGHT_TYPE_COLORS, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
 }
 
-static void image(struct world *world, uint64_t id, struct bytes *out)
+void message_image(struct world *world, uint64_t id, uint64_t other, struct bytes *out)
 {
     struct rnd *r = world->rnd;
     Relight__ImageRequest in = RELIGHT__IMAGE_REQUEST__INIT;
@@ -534,12 +399,12 @@ static void image(struct world *world, uint64_t id, struct bytes *out)
     struct shade s;
     struct picture p;
     lights(world, &l);
-    in.model = (char *)any_model(world);
+    in.model = (char *)world_any_model(world);
     in.lights = l.at;
     in.n_lights = l.n;
     if (!rnd_chance(r, 3)) in.shade = shade(world, &s);
     in.picture = picture(r, &p);
-    in.pose = any_pose(world);
+    in.pose = world_any_pose(world);
     message_emit(world, RELIGHT_TYPE_IMAGE, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
 }
@@ -574,7 +439,7 @@ static Relight__ViewState *view_state(struct world *world, struct state *s)
     if (rnd_chance(r, 2)) {
         relight__view_options__init(&s->options);
         s->options.color_format = (Relight__ColorFormat)rnd(r, 6);
-        s->options.most_rank = rnd_chance(r, 3) ? (uint32_t)odd_number(r) : 0;
+        s->options.most_rank = rnd_chance(r, 3) ? (uint32_t)rnd_odd(r) : 0;
         s->options.phases = rnd_chance(r, 2);
         s->options.max_fps = rnd_chance(r, 3) ? rnd(r, 1000) : 0;
         s->options.window = rnd_chance(r, 3) ? rnd(r, rnd_chance(r, 9) ? 300 : 8) : 0;
@@ -583,27 +448,27 @@ static Relight__ViewState *view_state(struct world *world, struct state *s)
         s->options.skip_equal = rnd_chance(r, 2);
         s->state.options = &s->options;
     }
-    s->state.pose = any_pose(world);
+    s->state.pose = world_any_pose(world);
     s->state.fields = s->fields;
     s->state.n_fields = rnd_chance(r, 2) ? rnd(r, 7) : 0;
     for (size_t i = 0; i < s->state.n_fields; i++) s->fields[i] = RND_PICK(r, field_names);
     return &s->state;
 }
 
-static void view_open(struct world *world, uint64_t id, struct bytes *out)
+void message_view_open(struct world *world, uint64_t id, uint64_t other, struct bytes *out)
 {
     struct rnd *r = world->rnd;
     Relight__ViewOpenRequest in = RELIGHT__VIEW_OPEN_REQUEST__INIT;
     struct state s;
     in.state = view_state(world, &s);
-    in.model = (char *)any_model(world);
+    in.model = (char *)world_any_model(world);
     in.colors = rnd_chance(r, 2);
     message_emit(world, RELIGHT_TYPE_VIEW_OPEN, id, &in.base, s.lights.payload,
                  s.lights.payload_bytes, out);
     free(s.lights.payload);
 }
 
-static void view_set(struct world *world, uint64_t id, uint64_t view, struct bytes *out)
+void message_view_set(struct world *world, uint64_t id, uint64_t view, struct bytes *out)
 {
     struct rnd *r = world->rnd;
     Relight__ViewSetRequest in = RELIGHT__VIEW_SET_REQUEST__INIT;
@@ -615,217 +480,4 @@ static void view_set(struct world *world, uint64_t id, uint64_t view, struct byt
     message_emit(world, RELIGHT_TYPE_VIEW_SET, id, &in.base, s.lights.payload,
                  s.lights.payload_bytes, out);
     free(s.lights.payload);
-}
-
-static char *token_name(struct rnd *r)
-{
-    static char *const names[] = {"a", "b", "c", "default", "", "a b", "../a"};
-    return RND_PICK(r, names);
-}
-
-uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct bytes *out)
-{
-    // Twice where more state hangs on it.
-    static const uint16_t type[] = {RELIGHT_TYPE_PING,          RELIGHT_TYPE_LIST,
-                                    RELIGHT_TYPE_PUT_BLOB,      RELIGHT_TYPE_PUT_BLOB,
-                                    RELIGHT_TYPE_ENV,           RELIGHT_TYPE_LOAD,
-                                    RELIGHT_TYPE_LOAD,          RELIGHT_TYPE_WATCH,
-                                    RELIGHT_TYPE_WATCH,         RELIGHT_TYPE_CANCEL_JOB,
-                                    RELIGHT_TYPE_CANCEL_JOB,    RELIGHT_TYPE_CANCEL,
-                                    RELIGHT_TYPE_CANCEL,        RELIGHT_TYPE_INFO,
-                                    RELIGHT_TYPE_GEOMETRY,      RELIGHT_TYPE_COLORS,
-                                    RELIGHT_TYPE_COLORS,        RELIGHT_TYPE_IMAGE,
-                                    RELIGHT_TYPE_VIEW_OPEN,     RELIGHT_TYPE_VIEW_OPEN,
-                                    RELIGHT_TYPE_VIEW_OPEN,     RELIGHT_TYPE_VIEW_SET,
-                                    RELIGHT_TYPE_VIEW_SET,      RELIGHT_TYPE_VIEW_SET,
-                                    RELIGHT_TYPE_VIEW_CLOSE,    RELIGHT_TYPE_UPDATE_VERTICES,
-                                    RELIGHT_TYPE_UNLOAD,        RELIGHT_TYPE_STATS,
-                                    RELIGHT_TYPE_SUBSCRIBE,     RELIGHT_TYPE_SUBSCRIBE,
-                                    RELIGHT_TYPE_TOKEN_CREATE,  RELIGHT_TYPE_TOKEN_LIST,
-                                    RELIGHT_TYPE_TOKEN_REVOKE,  RELIGHT_TYPE_VIEW_ACK,
-                                    RELIGHT_TYPE_VIEW_ACK,      RELIGHT_TYPE_PUT_POSE,
-                                    RELIGHT_TYPE_PUT_POSE,      RELIGHT_TYPE_GET_BLOB,
-                                    RELIGHT_TYPE_FACTORS,       RELIGHT_TYPE_ROOM_CREATE,
-                                    RELIGHT_TYPE_ROOM_EDIT,     RELIGHT_TYPE_ROOM_EDIT,
-                                    RELIGHT_TYPE_ROOM_EDIT,     RELIGHT_TYPE_ROOM_GET,
-                                    RELIGHT_TYPE_ROOM_LIST,     RELIGHT_TYPE_ROOM_PICTURE,
-                                    RELIGHT_TYPE_ROOM_PRESENCE, RELIGHT_TYPE_ROOM_BACKUP,
-                                    RELIGHT_TYPE_MATERIAL};
-    struct rnd *r = world->rnd;
-    uint16_t one = RND_PICK(r, type);
-    uint64_t other = 1 + rnd(r, ids);
-    switch (one) {
-    case RELIGHT_TYPE_PING: {
-        Relight__PingRequest in = RELIGHT__PING_REQUEST__INIT;
-        message_emit(world, one, id, &in.base, world->blob, rnd(r, 3000), out);
-        break;
-    }
-    case RELIGHT_TYPE_LIST: {
-        Relight__ListRequest in = RELIGHT__LIST_REQUEST__INIT;
-        in.files = rnd_chance(r, 2);
-        in.environments = rnd_chance(r, 2);
-        EMIT(LIST, in);
-        break;
-    }
-    case RELIGHT_TYPE_PUT_BLOB:
-        message_upload(world, id, rnd(r, WORLD_BLOBS), out);
-        break;
-    case RELIGHT_TYPE_ENV: {
-        Relight__EnvRequest in = RELIGHT__ENV_REQUEST__INIT;
-        char text[128];
-        in.env = environment(world, text);
-        EMIT(ENV, in);
-        break;
-    }
-    case RELIGHT_TYPE_LOAD:
-        message_load(world, id, rnd_chance(r, 2) ? LOAD_PREVIEW : LOAD_BAKE, out);
-        break;
-    case RELIGHT_TYPE_WATCH: {
-        Relight__WatchRequest in = RELIGHT__WATCH_REQUEST__INIT;
-        in.job = (char *)(rnd_chance(r, 3) ? any_model(world) : world_job(world));
-        EMIT(WATCH, in);
-        break;
-    }
-    case RELIGHT_TYPE_CANCEL_JOB:
-        message_cancel_job(world, id, rnd_chance(r, 6) ? any_model(world) : world_job(world),
-                           out);
-        break;
-    case RELIGHT_TYPE_CANCEL: {
-        Relight__CancelRequest in = RELIGHT__CANCEL_REQUEST__INIT;
-        in.id = other;
-        EMIT(CANCEL, in);
-        break;
-    }
-    case RELIGHT_TYPE_INFO: {
-        Relight__InfoRequest in = RELIGHT__INFO_REQUEST__INIT;
-        in.model = (char *)any_model(world);
-        EMIT(INFO, in);
-        break;
-    }
-    case RELIGHT_TYPE_GEOMETRY: {
-        Relight__GeometryRequest in = RELIGHT__GEOMETRY_REQUEST__INIT;
-        in.model = (char *)any_model(world);
-        in.no_normals = rnd_chance(r, 3);
-        in.no_triangles = rnd_chance(r, 3);
-        in.own_units = rnd_chance(r, 2);
-        in.pose = any_pose(world);
-        EMIT(GEOMETRY, in);
-        break;
-    }
-    case RELIGHT_TYPE_COLORS:
-        colors(world, id, out);
-        break;
-    case RELIGHT_TYPE_IMAGE:
-        image(world, id, out);
-        break;
-    case RELIGHT_TYPE_VIEW_OPEN:
-        view_open(world, id, out);
-        break;
-    case RELIGHT_TYPE_VIEW_SET:
-        view_set(world, id, other, out);
-        break;
-    case RELIGHT_TYPE_VIEW_CLOSE: {
-        Relight__ViewCloseRequest in = RELIGHT__VIEW_CLOSE_REQUEST__INIT;
-        in.view = other;
-        EMIT(VIEW_CLOSE, in);
-        break;
-    }
-    case RELIGHT_TYPE_GET_BLOB: {
-        Relight__GetBlobRequest in = RELIGHT__GET_BLOB_REQUEST__INIT;
-        in.hash = rnd_chance(r, 12) ? "../x" : world->blob[rnd(r, WORLD_BLOBS)].hash;
-        in.offset = rnd_chance(r, 2) ? 0 : rnd_chance(r, 2) ? rnd(r, 4000) : rnd_bits(r);
-        in.size = rnd_chance(r, 2) ? 0 : rnd(r, 3000);
-        EMIT(GET_BLOB, in);
-        break;
-    }
-    case RELIGHT_TYPE_PUT_POSE:
-        put_pose(world, id, out);
-        break;
-    case RELIGHT_TYPE_FACTORS: {
-        Relight__FactorsRequest in = RELIGHT__FACTORS_REQUEST__INIT;
-        in.model = (char *)any_model(world);
-        in.first = rnd_chance(r, 2)   ? 0
-                   : rnd_chance(r, 2) ? 2 * rnd(r, 9)
-                                      : (uint32_t)odd_number(r);
-        in.most_rank = rnd_chance(r, 2)   ? 0
-                       : rnd_chance(r, 2) ? 2 * rnd(r, 9)
-                                          : (uint32_t)odd_number(r);
-        EMIT(FACTORS, in);
-        break;
-    }
-    case RELIGHT_TYPE_UPDATE_VERTICES:
-        update_vertices(world, id, out);
-        break;
-    case RELIGHT_TYPE_UNLOAD: {
-        Relight__UnloadRequest in = RELIGHT__UNLOAD_REQUEST__INIT;
-        in.model = (char *)any_model(world);
-        in.forget = rnd_chance(r, 2);
-        EMIT(UNLOAD, in);
-        break;
-    }
-    case RELIGHT_TYPE_VIEW_ACK: {
-        Relight__ViewAck in = RELIGHT__VIEW_ACK__INIT;
-        in.view = other;
-        in.shown = rnd_chance(r, 2) ? rnd(r, 8) : rnd_bits(r) >> rnd(r, 64);
-        message_emit(world, one, rnd_chance(r, 30) ? id : 0, &in.base, NULL, 0, out);
-        break;
-    }
-    case RELIGHT_TYPE_ROOM_CREATE:
-    case RELIGHT_TYPE_ROOM_EDIT:
-    case RELIGHT_TYPE_ROOM_GET:
-    case RELIGHT_TYPE_ROOM_LIST:
-    case RELIGHT_TYPE_ROOM_PICTURE:
-    case RELIGHT_TYPE_ROOM_PRESENCE:
-    case RELIGHT_TYPE_ROOM_BACKUP:
-    case RELIGHT_TYPE_MATERIAL:
-        message_room(world, one, id, other, out);
-        break;
-    case RELIGHT_TYPE_SUBSCRIBE: {
-        if (rnd_chance(r, 2)) {
-            message_room(world, one, id, other, out);
-            break;
-        }
-        Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
-        Relight__EventKind kinds[40];
-        in.kinds = kinds;
-        in.n_kinds = rnd_chance(r, 3) ? rnd(r, 40) : 0;
-        for (size_t i = 0; i < in.n_kinds; i++) kinds[i] = (Relight__EventKind)rnd(r, 9);
-        if (rnd_chance(r, 4)) in.model = (char *)any_model(world);
-        if (rnd_chance(r, 2)) in.run = "0123456789abcdef"; // rooms_start()
-        in.after = rnd_chance(r, 2) ? rnd(r, 2000) : odd_number(r);
-        EMIT(SUBSCRIBE, in);
-        break;
-    }
-    case RELIGHT_TYPE_TOKEN_CREATE: {
-        Relight__TokenCreateRequest in = RELIGHT__TOKEN_CREATE_REQUEST__INIT;
-        Relight__TokenQuotas quotas = RELIGHT__TOKEN_QUOTAS__INIT;
-        static char *scopes[] = {"view", "edit", "upload", "admin", "view,edit", "see"};
-        in.name = token_name(r);
-        in.scopes = scopes + rnd(r, 3);
-        in.n_scopes = rnd(r, 4);
-        in.lifetime_s = rnd_chance(r, 3) ? odd_number(r) : 0;
-        quotas.rate = rnd_chance(r, 3) ? 1e-3 * rnd(r, 100000) : 0;
-        quotas.models = rnd_chance(r, 3) ? odd_number(r) : 0;
-        quotas.memory = rnd_chance(r, 3) ? odd_number(r) : 0;
-        if (rnd_chance(r, 2)) in.quotas = &quotas;
-        EMIT(TOKEN_CREATE, in);
-        break;
-    }
-    case RELIGHT_TYPE_TOKEN_LIST: {
-        Relight__TokenListRequest in = RELIGHT__TOKEN_LIST_REQUEST__INIT;
-        EMIT(TOKEN_LIST, in);
-        break;
-    }
-    case RELIGHT_TYPE_TOKEN_REVOKE: {
-        Relight__TokenRevokeRequest in = RELIGHT__TOKEN_REVOKE_REQUEST__INIT;
-        in.name = token_name(r);
-        EMIT(TOKEN_REVOKE, in);
-        break;
-    }
-    default: {
-        Relight__StatsRequest in = RELIGHT__STATS_REQUEST__INIT;
-        EMIT(STATS, in);
-    }
-    }
-    return one;
 }

@@ -49,6 +49,13 @@ void world_learn_job(struct world *world, const char *id);
 
 void world_learn_room(struct world *world, const char *id);
 
+// A model, or a name that is none; a pose likewise.
+const char *world_any_model(struct world *world);
+char *world_any_pose(struct world *world);
+
+// Lengths, counts and numbers at which somebody may have erred.
+uint32_t rnd_odd(struct rnd *r);
+
 // Frames, one behind another.
 struct bytes {
     uint8_t *at;
@@ -59,6 +66,9 @@ void bytes_add(struct bytes *out, const void *bytes, size_t n);
 void message_emit(struct world *world, uint16_t type, uint64_t id,
                   const ProtobufCMessage *message, const void *payload, size_t n,
                   struct bytes *out);
+// A message without a payload, in a function with world, id and out.
+#define EMIT(NAME, message) \
+    message_emit(world, RELIGHT_TYPE_##NAME, id, &(message).base, NULL, 0, out)
 // One about review rooms (and MATERIAL). other: another request's id.
 void message_room(struct world *world, uint16_t type, uint64_t id, uint64_t other,
                   struct bytes *out);
@@ -75,5 +85,15 @@ void message_cancel_job(struct world *world, uint64_t id, const char *job, struc
 void message_upload(struct world *world, uint64_t id, unsigned blob, struct bytes *out);
 // A job by chance, rather one that was not cancelled.
 const char *world_job(struct world *world);
+
+// Pieces and requests that message_random chooses from; `other` is of no use to them.
+char *message_environment(struct world *world, char text[128]);
+void message_colors(struct world *world, uint64_t id, uint64_t other, struct bytes *out);
+void message_image(struct world *world, uint64_t id, uint64_t other, struct bytes *out);
+void message_put_pose(struct world *world, uint64_t id, uint64_t other, struct bytes *out);
+void message_update_vertices(struct world *world, uint64_t id, uint64_t other,
+                             struct bytes *out);
+void message_view_open(struct world *world, uint64_t id, uint64_t other, struct bytes *out);
+void message_view_set(struct world *world, uint64_t id, uint64_t view, struct bytes *out);
 
 #endif

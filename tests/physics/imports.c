@@ -127,11 +127,11 @@ static void half_spaces_return_their_albedo(void **state)
         a, path);
     returns(mtlx("standard_surface",
                  (const char *const[]){"subsurface=1", "subsurface_color=.6,.4,.2",
-                                       "subsurface_radius=1,.6,.4", "subsurface_scale=.1",
+                                       "subsurface_radius=.5,.3,.2", "subsurface_scale=.2",
                                        "specular_IOR=1.3", NULL}),
             a, path);
     returns("{\"Base Color\":[0.6,0.4,0.2,1],\"Subsurface Weight\":1,\"Subsurface Radius\":"
-            "[1,0.6,0.4],\"Subsurface Scale\":0.001,\"IOR\":1.4}",
+            "[0.5,0.3,0.2],\"Subsurface Scale\":0.002,\"IOR\":1.4}",
             a, path);
     returns("MakeNamedMaterial \"m\" \"string type\" \"subsurface\" \"rgb reflectance\" "
             "[.6 .4 .2] \"rgb mfp\" [1 .6 .4]",

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// screen/: laws that hold for every image-space engine.
+// screen/: laws that hold for every image-space engine. Above 600 lines: a list of laws, each
+// read alone.
 #include "screen_stage.h"
 
 #include "prt/reference.h"

@@ -31,113 +31,174 @@ static double middle(const struct stage *s, pixels b, int c)
     return sum / n;
 }
 
-// Law: maps multiply sigma_s' and sigma_a where light leaves, and tip the normal (METHODS §6,
-// maps, M03): twice the coefficients is a denser medium, a level map changes nothing, a slope
-// tips by its own angle.
-static void maps_change_the_medium(void **state)
-{
-    struct prt_material m = marble;
-    for (int c = 0; c < 3; c++) m.sigma_a[c] = 0.05f;
+// A sheet with uv in a medium that absorbs, and its picture without maps.
+struct sheet {
     struct model model;
     struct stage s;
-    sheet_with_uv(&model, &s);
-    struct prt_screen_options options = {.engine = PRT_SCREEN_TANGENT, .n_sample = 64};
+    struct prt_material m;
+    struct prt_screen_options options;
+    pixels base;
+};
+
+static void sheet_begin(struct sheet *t)
+{
+    *t = (struct sheet){.m = marble, .options = {.engine = PRT_SCREEN_TANGENT, .n_sample = 64}};
+    for (int c = 0; c < 3; c++) t->m.sigma_a[c] = 0.05f;
+    sheet_with_uv(&t->model, &t->s);
+    t->base = render(&t->s, &t->m, NULL, &from_front, t->options, NULL);
+}
+
+static void sheet_end(struct sheet *t)
+{
+    free(t->base);
+    free(t->model.mesh.uv);
+    stage_finish(&t->s);
+    model_finish(&t->model);
+}
+
+// Law: maps multiply sigma_s' and sigma_a where light leaves (METHODS §6, maps, M03): twice the
+// coefficients is a denser medium.
+static void maps_change_the_medium(void **state)
+{
+    struct sheet t;
     struct prt_screen_report report;
-    pixels base = render(&s, &m, NULL, &from_front, options, NULL);
-    static const float two[1][3] = {{2, 2, 2}}, flat[1][3] = {{0.5f, 0.5f, 1}};
-    struct prt_screen_map twice = {1, 1, two}, level = {1, 1, flat};
-    struct prt_material denser = m;
+    static const float two[1][3] = {{2, 2, 2}};
+    struct prt_screen_map twice = {1, 1, two};
+    sheet_begin(&t);
+    struct prt_material denser = t.m;
     for (int c = 0; c < 3; c++) {
         denser.sigma_s_prime[c] *= 2;
         denser.sigma_a[c] *= 2;
     }
-    pixels want = render(&s, &denser, NULL, &from_front, options, NULL);
-    struct prt_screen_options mapped = options;
-    mapped.sigma_s_map = mapped.sigma_a_map = &twice;
-    pixels b = render(&s, &m, NULL, &from_front, mapped, &report);
+    pixels want = render(&t.s, &denser, NULL, &from_front, t.options, NULL);
+    t.options.sigma_s_map = t.options.sigma_a_map = &twice;
+    pixels b = render(&t.s, &t.m, NULL, &from_front, t.options, &report);
     for (int c = 0; c < 3; c++)
-        expect_near("map of 2 over the denser medium", middle(&s, b, c) / middle(&s, want, c),
-                    1, 0.01);
+        expect_near("map of 2 over the denser medium",
+                    middle(&t.s, b, c) / middle(&t.s, want, c), 1, 0.01);
     assert_int_equal(report.n_medium, 1);
     free(b);
-    // absorption sixty times as strong on one half: it is darker there, and no darker elsewhere
+    free(want);
+    sheet_end(&t);
+}
+
+// 1 on the left half of uv, 60 on the right.
+static struct prt_screen_map half_map(void)
+{
     static float halves[64][3];
     for (int i = 0; i < 64; i++)
         for (int c = 0; c < 3; c++) halves[i][c] = i < 32 ? 1 : 60;
-    struct prt_screen_map half = {64, 1, (const float(*)[3])halves};
-    mapped = options;
-    mapped.sigma_a_map = &half;
-    b = render(&s, &m, NULL, &from_front, mapped, &report);
+    return (struct prt_screen_map){64, 1, (const float(*)[3])halves};
+}
+
+// Heights that rise by 12 mm to a side of 60.
+static struct prt_screen_map ramp_map(void)
+{
+    static float ramp[256][3];
+    for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;
+    return (struct prt_screen_map){256, 1, (const float(*)[3])ramp};
+}
+
+// Law: a map acts where it is (METHODS §6, maps, M03): absorption sixty times as strong on one
+// half makes that half darker, and the other no darker.
+static void half_a_map_darkens_its_half(void **state)
+{
+    struct sheet t;
+    struct prt_screen_report report;
+    struct prt_screen_map half = half_map();
+    sheet_begin(&t);
+    t.options.sigma_a_map = &half;
+    pixels b = render(&t.s, &t.m, NULL, &from_front, t.options, &report);
     assert_true(report.n_medium >= 2);
-    for (uint32_t i = 0; i < s.g.n_point; i++) {
-        float x = s.g.position[0][i], y = s.g.position[1][i];
+    for (uint32_t i = 0; i < t.s.g.n_point; i++) {
+        float x = t.s.g.position[0][i], y = t.s.g.position[1][i];
         if (fabsf(y) > 8 || fabsf(x) > 20 || fabsf(x) < 4) continue;
-        float share = b[i][1] / base[i][1];
+        float share = b[i][1] / t.base[i][1];
         if (x < 0) expect_near("plain half over the plain medium", share, 1, 1e-5);
         else expect_below("absorbing half over the plain medium", share, 0.25);
     }
     free(b);
-    mapped = options;
-    mapped.normal_map = &level;
-    b = render(&s, &m, NULL, &from_front, mapped, NULL);
-    expect_below("change by a level normal map", relative(b, base, s.g.n_point), 1e-6);
-    free(b);
-    // a tint of 0.4 by absorption gives 0.4 of the light in every channel
+    sheet_end(&t);
+}
+
+// Law: a tint t by absorption gives t of the light in every channel (METHODS §6, maps).
+static void a_tint_is_its_share_of_the_light(void **state)
+{
+    struct sheet t;
     float tint[1][3] = {{0.4f, 0.4f, 0.4f}};
-    assert_int_equal(prt_screen_albedo_factors(&quiet, &m, 1, (const float(*)[3])tint, tint),
+    sheet_begin(&t);
+    assert_int_equal(prt_screen_albedo_factors(&quiet, &t.m, 1, (const float(*)[3])tint, tint),
                      PRT_OK);
     struct prt_screen_map tinted = {1, 1, (const float(*)[3])tint};
-    mapped = options;
-    mapped.sigma_a_map = &tinted;
-    b = render(&s, &m, NULL, &from_front, mapped, NULL);
+    t.options.sigma_a_map = &tinted;
+    pixels b = render(&t.s, &t.m, NULL, &from_front, t.options, NULL);
     for (int c = 0; c < 3; c++) {
         expect_above("absorption factor of a tint", tint[0][c], 1);
         expect_close("share of the light under a tint of 0.4",
-                     middle(&s, b, c) / middle(&s, base, c), 0.4, 0.003);
+                     middle(&t.s, b, c) / middle(&t.s, t.base, c), 0.4, 0.003);
     }
     free(b);
-    // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's
-    // angle
-    static float ramp[256][3];
-    for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;
-    struct prt_screen_map heights = {256, 1, (const float(*)[3])ramp};
+    sheet_end(&t);
+}
+
+// Law: maps tip the normal by their own angle (METHODS §6, maps): a level normal map changes
+// nothing, heights that rise by 0.2 tip it by atan(0.2).
+static void maps_tip_the_normal(void **state)
+{
+    struct sheet t;
+    static const float flat[1][3] = {{0.5f, 0.5f, 1}};
+    struct prt_screen_map level = {1, 1, flat}, heights = ramp_map();
     struct prt_screen_light slant = {{0.6f, 0, 0.8f}, {2, 2, 2}, false};
-    pixels level_lit = render(&s, &m, NULL, &slant, options, NULL);
-    mapped = options;
-    mapped.bump_map = &heights;
-    b = render(&s, &m, NULL, &slant, mapped, NULL);
-    double l = sqrt(1 + 0.04), tipped = (0.8 - 0.2 * 0.6) / l;
-    double share = prt_fresnel_transmittance(m.eta, tipped) * tipped /
-                   (prt_fresnel_transmittance(m.eta, 0.8) * 0.8);
-    expect_close("share of the light on a slope of 0.2",
-                 middle(&s, b, 1) / middle(&s, level_lit, 1), share, 0.02);
+    sheet_begin(&t);
+    struct prt_screen_options mapped = t.options;
+    mapped.normal_map = &level;
+    pixels b = render(&t.s, &t.m, NULL, &from_front, mapped, NULL);
+    expect_below("change by a level normal map", relative(b, t.base, t.s.g.n_point), 1e-6);
     free(b);
-    // refusals
+    pixels level_lit = render(&t.s, &t.m, NULL, &slant, t.options, NULL);
+    mapped = t.options;
+    mapped.bump_map = &heights;
+    b = render(&t.s, &t.m, NULL, &slant, mapped, NULL);
+    double l = sqrt(1 + 0.04), tipped = (0.8 - 0.2 * 0.6) / l;
+    double share = prt_fresnel_transmittance(t.m.eta, tipped) * tipped /
+                   (prt_fresnel_transmittance(t.m.eta, 0.8) * 0.8);
+    expect_close("share of the light on a slope of 0.2",
+                 middle(&t.s, b, 1) / middle(&t.s, level_lit, 1), share, 0.02);
+    free(b);
+    free(level_lit);
+    sheet_end(&t);
+}
+
+// Contract of prt_screen_radiance: maps that are none, and maps without uv, are refused.
+static void wrong_maps_are_refused(void **state)
+{
+    struct sheet t;
+    static const float two[1][3] = {{2, 2, 2}}, flat[1][3] = {{0.5f, 0.5f, 1}};
     static const float bad[1][3] = {{NAN, 0, 0}}, negative[1][3] = {{-1, 0, 0}};
     struct prt_screen_map wrong[] = {{1, 1, bad}, {1, 1, negative}, {0, 1, two}, {1, 1, NULL}};
-    b = malloc(s.g.n_point * sizeof *b);
+    struct prt_screen_map level = {1, 1, flat}, heights = ramp_map(), half = half_map();
+    struct prt_screen_light slant = {{0.6f, 0, 0.8f}, {2, 2, 2}, false};
+    sheet_begin(&t);
+    pixels b = malloc(t.s.g.n_point * sizeof *b);
+    struct prt_screen_options mapped = t.options;
     for (int i = 0; i < 4; i++) {
-        mapped = options;
         mapped.sigma_s_map = &wrong[i];
-        assert_int_equal(try_render(&s, &m, NULL, &from_front, &mapped, b, NULL), PRT_ARG);
+        assert_int_equal(try_render(&t.s, &t.m, NULL, &from_front, &mapped, b, NULL), PRT_ARG);
     }
     // uv folded to a line: no frame for bumps, a picture all the same
-    for (uint32_t v = 0; v < model.mesh.n_vertex; v++) model.mesh.uv[v][1] = 0.5f;
-    mapped = options;
+    struct prt_mesh *mesh = &t.model.mesh;
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) mesh->uv[v][1] = 0.5f;
+    mapped = t.options;
     mapped.bump_map = &heights;
     mapped.normal_map = &level;
     mapped.sigma_a_map = &half;
-    free(render(&s, &m, NULL, &slant, mapped, NULL));
-    float(*kept)[2] = model.mesh.uv;
-    model.mesh.uv = NULL;
-    assert_int_equal(try_render(&s, &m, NULL, &from_front, &mapped, b, NULL), PRT_ARG);
-    free(kept);
+    free(render(&t.s, &t.m, NULL, &slant, mapped, NULL));
+    float(*kept)[2] = mesh->uv;
+    mesh->uv = NULL;
+    assert_int_equal(try_render(&t.s, &t.m, NULL, &from_front, &mapped, b, NULL), PRT_ARG);
+    mesh->uv = kept;
     free(b);
-    free(base);
-    free(want);
-    free(level_lit);
-    stage_finish(&s);
-    model_finish(&model);
+    sheet_end(&t);
 }
 
 // Law: maps do the same in every engine (METHODS §6, maps): a tint of 0.4 leaves 0.4 of the
@@ -281,6 +342,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(maps_change_the_medium),
+        cmocka_unit_test(half_a_map_darkens_its_half),
+        cmocka_unit_test(a_tint_is_its_share_of_the_light),
+        cmocka_unit_test(maps_tip_the_normal),
+        cmocka_unit_test(wrong_maps_are_refused),
         cmocka_unit_test(every_engine_takes_maps),
         cmocka_unit_test(engines_use_the_profile_of_the_material),
     };

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Who may do what: tokens, scopes, quotas, local users, and the delay after wrong tokens.
+// Above 600 lines: a list of scenarios, each read alone.
 #include "ask.h"
 #include "frames.h"
 

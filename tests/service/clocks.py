@@ -8,24 +8,16 @@ that has ended by one clock is refused with words about it.
 import glob
 import os
 import re
-import shutil
 import subprocess
 import sys
-import tempfile
 import urllib.error
 import urllib.request
 
-try:
-    import google.protobuf  # noqa: F401
-    import numpy as np
-except ImportError as missing:
-    print("skipped: %s; deploy/dependencies --tests installs it" % missing)
-    sys.exit(77)
+from replica import BAKE, Replica, model_file, replicas_in_a_folder, until
 
-from replica import Replica, model_file, relight, until
+import numpy as np
 
 LIBRARY = (glob.glob("/usr/lib/*/faketime/libfaketimeMT.so.1") or [None])[0]
-BAKE = {"samples": 200, "cube": 16, "single_points": 2, "transport": "wavelet", "material": "marble"}
 
 
 def web(r):
@@ -84,14 +76,12 @@ def main():
     if not LIBRARY:
         print("skipped: no libfaketime; deploy/dependencies --tests installs it")
         sys.exit(77)
-    folder = tempfile.mkdtemp(prefix="relightd-clocks-")
     ahead = dict(os.environ, LD_PRELOAD=LIBRARY, FAKETIME="+3600", NO_FAKE_STAT="1", FAKETIME_DONT_FAKE_MONOTONIC="1")
-    replicas = []
-    with open(folder + "/token", "w", encoding="ascii") as f:
-        f.write("a-token-of-both-replicas-0123456789\n")
     os.environ["RELIGHT_TOKEN"] = "a-token-of-both-replicas-0123456789"
-    more = ("--http", "127.0.0.1:0", "--token-file", folder + "/token", "--store-keep", "86400")
-    try:
+    with replicas_in_a_folder("clocks") as (folder, replicas):
+        with open(folder + "/token", "w", encoding="ascii") as f:
+            f.write("a-token-of-both-replicas-0123456789\n")
+        more = ("--http", "127.0.0.1:0", "--token-file", folder + "/token", "--store-keep", "86400")
         a, b = replicas[:] = [Replica(folder, 1, more=more), Replica(folder, 2, more=more, env=ahead)]
         assert re.search(r"clock is (3[56]\d\d) s ahead of that of --store", b.log()), "it does not say so"
         assert "clock is" not in a.log()
@@ -100,18 +90,6 @@ def main():
         before = set(glob.glob(folder + "/shared/b*/*/*"))
         bakes_are_not_taken_over(a, b, folder)
         assert before <= set(glob.glob(folder + "/shared/b*/*/*")), "objects in use were collected"
-        for r in replicas:
-            r.stop()
-    except BaseException:
-        for r in replicas:
-            print("---- replica %d\n%s" % (r.number, r.log()[-5000:]))
-        raise
-    finally:
-        for r in replicas:
-            if r.process.poll() is None:
-                r.process.kill()
-                r.process.wait()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 main()

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Starting, stopping, coming back, and the HTTP side. Each test has a daemon of its own; they
-// share one data folder, so that the octahedron is baked once.
+// share one data folder, so that the octahedron is baked once. Above 600 lines: a list of
+// scenarios, each read alone.
 #include "daemon.h"
 
 #include <math.h>

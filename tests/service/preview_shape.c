@@ -3,12 +3,104 @@
 // view, cameras inside and far away, models with nothing to see.
 #include "ball.h"
 
+// The frame that comes unasked: a preview of the new shape.
+static void expect_preview_of_the_shape(struct relight_view *view)
+{
+    struct relight_frame_out frame;
+    next_frame(view, &frame);
+    assert_true(frame.image.cost.engine >= RELIGHT_ENGINE_SPLAT);
+    assert_int_equal(frame.image.generation, 2);
+    assert_non_null(strstr(frame.image.cost.note, "vertices moved"));
+    relight_frame_out_finish(&frame);
+    OK(relight_view_close(view, NULL, NULL, &error));
+}
+
+// A ball 1.6 times as high: x² + (y/1.6)² + z², whose gradient is the normal.
+static void expect_ellipsoid(const char *id, float (*moved)[3])
+{
+    struct relight_geometry after;
+    OK(relight_geometry(client, id, true, &after, &error));
+    assert_int_equal(after.generation, 2);
+    for (int i = 0; i < N_VERTEX; i++) {
+        double n[3], length = 0, dot = 0;
+        for (int c = 0; c < 3; c++) {
+            assert_true(fabsf(after.position[i][c] - moved[i][c]) < 1e-5f);
+            n[c] = moved[i][c] / (c == 1 ? 2.56 : 1);
+            length += n[c] * n[c];
+        }
+        for (int c = 0; c < 3; c++) dot += n[c] * after.normal[i][c] / sqrt(length);
+        assert_true(dot > 0.99);
+    }
+    relight_geometry_finish(&after);
+}
+
+// The bake answers, when it is asked, for the shape that it was made of, and says so.
+static void expect_stale_bake(const char *id)
+{
+    struct relight_model m;
+    struct relight_cost cost;
+    OK(relight_info(client, id, &m, &error));
+    assert_true(m.stale);
+    assert_int_equal(m.state, RELIGHT_MODEL_READY);
+    assert_true(m.box_max[1] - m.box_min[1] > 1.5f * (m.box_max[0] - m.box_min[0]));
+    relight_model_finish(&m);
+    struct relight_image_request r = request_of(id, RELIGHT_ENGINE_WAVELET);
+    free(picture(&r, &cost));
+    assert_non_null(strstr(cost.note, "before its vertices moved"));
+    struct relight_colors_request c = {.model = id, .n_light = 1, .lights = &white};
+    struct relight_colors colors;
+    OK(relight_colors(client, &c, &colors, &error));
+    assert_int_equal(colors.generation, 1);
+    assert_non_null(strstr(colors.cost.note, "before its vertices moved"));
+    relight_colors_finish(&colors);
+}
+
+// One vertex with its normal; and vertices that are refused.
+static void move_some(const char *id, float (*moved)[3])
+{
+    struct relight_geometry after;
+    uint64_t generation;
+    float up[3] = {0, 2, 0}, nan[3] = {NAN, 0, 0}, far[3] = {1e9f, 0, 0};
+    OK(relight_update_vertices(client, id, 0, 1, moved[0], up, true, &generation, &error));
+    assert_int_equal(generation, 3);
+    OK(relight_geometry(client, id, false, &after, &error));
+    assert_true(fabsf(after.normal[0][1] - 1) < 1e-6f);
+    relight_geometry_finish(&after);
+    expect(relight_update_vertices(client, id, 0, 1, nan, NULL, false, NULL, &error),
+           RELIGHT_E_OUT_OF_RANGE, "no number");
+    expect(relight_update_vertices(client, id, 0, 1, far, NULL, false, NULL, &error),
+           RELIGHT_E_OUT_OF_RANGE, "1e6");
+    expect(relight_update_vertices(client, id, N_VERTEX, 1, up, NULL, false, NULL, &error),
+           RELIGHT_E_OUT_OF_RANGE, "allowed range 0 to 362: the vertices of moves.obj");
+    expect(relight_update_vertices(client, "nobody", 0, 1, up, NULL, false, NULL, &error),
+           RELIGHT_E_NOT_FOUND, NULL);
+}
+
+// All vertices in one point are an error; the model without the update is the bake again.
+static void collapse_and_return(const char *id, float (*moved)[3])
+{
+    static const float up[3] = {0, 2, 0};
+    struct relight_model m;
+    struct relight_cost cost;
+    struct relight_image image;
+    for (int i = 0; i < N_VERTEX; i++) memcpy(moved[i], up, sizeof up);
+    OK(relight_update_vertices(client, id, 0, N_VERTEX, moved[0], NULL, false, NULL, &error));
+    struct relight_image_request r = request_of(id, 0);
+    int status = relight_image(client, &r, &image, &error);
+    assert_true(status < 0 && error.text[0]);
+    OK(relight_unload(client, id, false, NULL, &error));
+    free(picture(&r, &cost));
+    assert_int_equal(cost.engine, RELIGHT_ENGINE_WAVELET);
+    assert_string_equal(cost.note, "");
+    OK(relight_info(client, id, &m, &error));
+    assert_false(m.stale);
+    relight_model_finish(&m);
+}
+
 static void test_vertices_move(void **state)
 {
     struct relight_loaded loaded;
-    struct relight_geometry g, after;
-    struct relight_cost cost;
-    struct relight_model m;
+    struct relight_geometry g;
     uint64_t generation;
     struct relight_load load = small_load(false);
     load.bake.seed = 3; // another model than the ball
@@ -29,72 +121,11 @@ static void test_vertices_move(void **state)
     OK(relight_update_vertices(client, id, 0, N_VERTEX, moved[0], NULL, true, &generation,
                                &error));
     assert_int_equal(generation, 2);
-    next_frame(view, &frame); // unasked
-    assert_true(frame.image.cost.engine >= RELIGHT_ENGINE_SPLAT);
-    assert_int_equal(frame.image.generation, 2);
-    assert_non_null(strstr(frame.image.cost.note, "vertices moved"));
-    relight_frame_out_finish(&frame);
-    OK(relight_view_close(view, NULL, NULL, &error));
-    OK(relight_geometry(client, id, true, &after, &error));
-    assert_int_equal(after.generation, 2);
-    // the normals of an ellipsoid: gradient of x² + (y/1.6)² + z²
-    for (int i = 0; i < N_VERTEX; i++) {
-        double n[3], length = 0, dot = 0;
-        for (int c = 0; c < 3; c++) {
-            assert_true(fabsf(after.position[i][c] - moved[i][c]) < 1e-5f);
-            n[c] = moved[i][c] / (c == 1 ? 2.56 : 1);
-            length += n[c] * n[c];
-        }
-        for (int c = 0; c < 3; c++) dot += n[c] * after.normal[i][c] / sqrt(length);
-        assert_true(dot > 0.99);
-    }
-    relight_geometry_finish(&after);
-    OK(relight_info(client, id, &m, &error));
-    assert_true(m.stale);
-    assert_int_equal(m.state, RELIGHT_MODEL_READY);
-    assert_true(m.box_max[1] - m.box_min[1] > 1.5f * (m.box_max[0] - m.box_min[0]));
-    relight_model_finish(&m);
-    // the bake answers, when it is asked, for the old shape, and says so
-    struct relight_image_request r = request_of(id, RELIGHT_ENGINE_WAVELET);
-    free(picture(&r, &cost));
-    assert_non_null(strstr(cost.note, "before its vertices moved"));
-    struct relight_colors_request c = {.model = id, .n_light = 1, .lights = &white};
-    struct relight_colors colors;
-    OK(relight_colors(client, &c, &colors, &error));
-    assert_int_equal(colors.generation, 1);
-    assert_non_null(strstr(colors.cost.note, "before its vertices moved"));
-    relight_colors_finish(&colors);
-    // part of them, with normals
-    float up[3] = {0, 2, 0};
-    OK(relight_update_vertices(client, id, 0, 1, moved[0], up, true, &generation, &error));
-    assert_int_equal(generation, 3);
-    OK(relight_geometry(client, id, false, &after, &error));
-    assert_true(fabsf(after.normal[0][1] - 1) < 1e-6f);
-    relight_geometry_finish(&after);
-    // nonsense
-    float nan[3] = {NAN, 0, 0}, far[3] = {1e9f, 0, 0};
-    expect(relight_update_vertices(client, id, 0, 1, nan, NULL, false, NULL, &error),
-           RELIGHT_E_OUT_OF_RANGE, "no number");
-    expect(relight_update_vertices(client, id, 0, 1, far, NULL, false, NULL, &error),
-           RELIGHT_E_OUT_OF_RANGE, "1e6");
-    expect(relight_update_vertices(client, id, N_VERTEX, 1, up, NULL, false, NULL, &error),
-           RELIGHT_E_OUT_OF_RANGE, "allowed range 0 to 362: the vertices of moves.obj");
-    expect(relight_update_vertices(client, "nobody", 0, 1, up, NULL, false, NULL, &error),
-           RELIGHT_E_NOT_FOUND, NULL);
-    // everything in one point: an error, and the way back
-    for (int i = 0; i < N_VERTEX; i++) memcpy(moved[i], up, sizeof up);
-    OK(relight_update_vertices(client, id, 0, N_VERTEX, moved[0], NULL, false, NULL, &error));
-    r.shade.engine = 0;
-    struct relight_image image;
-    int status = relight_image(client, &r, &image, &error);
-    assert_true(status < 0 && error.text[0]);
-    OK(relight_unload(client, id, false, NULL, &error));
-    free(picture(&r, &cost));
-    assert_int_equal(cost.engine, RELIGHT_ENGINE_WAVELET);
-    assert_string_equal(cost.note, "");
-    OK(relight_info(client, id, &m, &error));
-    assert_false(m.stale);
-    relight_model_finish(&m);
+    expect_preview_of_the_shape(view);
+    expect_ellipsoid(id, moved);
+    expect_stale_bake(id);
+    move_some(id, moved);
+    collapse_and_return(id, moved);
     OK(relight_unload(client, id, true, NULL, &error));
     free(moved);
     relight_geometry_finish(&g);

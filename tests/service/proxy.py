@@ -71,6 +71,13 @@ def main():
         d.wait_log("carrier=websocket peer=192.0.2.8:1234")
         talk(tcp, header("192.0.2.9", 4321), source="127.0.0.9")  # silent, it is closed by --handshake
         d.wait_log("carrier=tcp peer=192.0.2.9:4321")
+        # Who comes directly on a descriptor that a proxied client had is nobody but itself.
+        before = d.log().count("event disconnect")
+        assert b" 101 " in talk(d.port, header("192.0.2.10", 77), upgrade, source="127.0.0.9", until=b"\r\n\r\n")
+        while d.log().count("event disconnect") == before:
+            time.sleep(0.01)
+        assert b" 101 " in talk(d.port, upgrade, until=b"\r\n\r\n")
+        d.wait_log("carrier=websocket peer=127.0.0.1:")
         print("the client behind the proxy is known on every carrier")
     finally:
         d.stop()

@@ -1,16 +1,29 @@
 # SPDX-License-Identifier: MIT
 """Replicas of relightd on one folder, for the tests of them; argv[1], argv[2] are the folders of the programs and of
-the Python package."""
+the Python package. A test that imports this file is skipped where numpy or protobuf is missing."""
+import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+
+try:
+    import google.protobuf  # noqa: F401
+    import numpy  # noqa: F401
+except ImportError as missing:
+    print("skipped: %s; deploy/dependencies --tests installs it" % missing)
+    sys.exit(77)
 
 from web import OCTAHEDRON
 
 sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
+
+# A bake of a second.
+BAKE = {"samples": 200, "cube": 16, "single_points": 2, "transport": "wavelet", "material": "marble"}
 
 
 def shared_folder(folder, number):
@@ -62,6 +75,28 @@ class Replica:
     def stop(self):
         self.process.terminate()
         assert self.process.wait(30) == 0
+
+
+@contextlib.contextmanager
+def replicas_in_a_folder(name):
+    """A folder and the list of the test's replicas, which the caller fills. At the end they stop; after an exception
+    their logs are printed and they are killed. The folder is removed."""
+    folder = tempfile.mkdtemp(prefix="relightd-%s-" % name)
+    replicas = []
+    try:
+        yield folder, replicas
+        for r in replicas:
+            r.stop()
+    except BaseException:
+        for r in replicas:
+            print("---- replica %d\n%s" % (r.number, r.log()[-6000:]))
+        raise
+    finally:
+        for r in replicas:
+            if r.process.poll() is None:
+                r.process.kill()
+                r.process.wait()
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def model_file(folder, scale):

@@ -13,17 +13,10 @@ import sys
 import tempfile
 import time
 
-try:
-    import google.protobuf  # noqa: F401
-    import numpy as np
-except ImportError as missing:
-    print("skipped: %s; deploy/dependencies --tests installs it" % missing)
-    sys.exit(77)
-
-from replica import Replica, model_file, relight, shared_folder, until
+from replica import BAKE, Replica, model_file, relight, replicas_in_a_folder, shared_folder, until
 from web import sky
 
-BAKE = {"samples": 200, "cube": 16, "single_points": 2, "transport": "wavelet", "material": "marble"}
+import numpy as np
 
 
 def each_serves_what_the_other_took(a, b, folder):
@@ -137,29 +130,14 @@ def nothing_acknowledged_is_lost(replicas, folder, n, rng):
 
 
 def main():
-    folder = tempfile.mkdtemp(prefix="relightd-replicas-")
     seed = int(os.environ.get("SEED", "1"))
-    replicas = []
-    try:
-        replicas = [Replica(folder, 1), Replica(folder, 2)]
+    with replicas_in_a_folder("replicas") as (folder, replicas):
+        replicas[:] = [Replica(folder, 1), Replica(folder, 2)]
         if "RELIGHT_TEST_MOUNTS" not in os.environ:
             a_full_folder_refuses_and_loses_nothing()
         each_serves_what_the_other_took(*replicas, folder)
         a_bake_goes_on_where_its_replica_died(*replicas, folder)
         nothing_acknowledged_is_lost(replicas, folder, int(sys.argv[3]), random.Random(seed))
-        for r in replicas:
-            r.stop()
-    except BaseException:
-        for r in replicas:
-            with open("%s/log%d" % (folder, r.number), encoding="utf-8", errors="replace") as f:
-                print("---- replica %d\n%s" % (r.number, f.read()[-6000:]))
-        raise
-    finally:
-        for r in replicas:
-            if r.process.poll() is None:
-                r.process.kill()
-                r.process.wait()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 main()

@@ -183,6 +183,10 @@ expect 2 room act "$room" nonsense && says 'RoomAction'
 expect 2 room frown "$room" && says 'expected one of create'
 expect 2 room pin "$room" && says 'relight room pin ROOM TEXT'
 expect 1 room show nowhere && says 'relight room list'
+# A room's id may be cut to four digits, not to three.
+id=$("$bin/relight" -s "unix:$dir/s" room list --json | sed 's/.*"room":"\([0-9a-f]*\)".*/\1/')
+expect 0 room show "$(echo "$id" | cut -c1-8)"
+expect 1 room show "$(echo "$id" | cut -c1-3)" && says 'relight room list'
 expect 2 room pin "$room" text --at 0,0,2,2 && says 'weights'
 expect 1 room resolve "$room" 77 && says 'no pin 77'
 expect 2 room resolve "$room" seven && says 'expected a number'

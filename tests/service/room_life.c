@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Review rooms over the protocol: what is acknowledged survives, people see each other, roles
-// and invitations are the daemon's to enforce.
+// and invitations are the daemon's to enforce. Above 600 lines: a list of scenarios, each
+// read alone.
 #include "room_frames.h"
 
 #include "lone_daemon.h"
@@ -66,6 +67,16 @@ static uint64_t sequence_of(const struct reply *r)
     return ((const Relight__Event *)r->message)->sequence;
 }
 
+// Sends what a participant of that subscription says of itself.
+static void send_presence(struct frames *f, uint64_t subscription, Relight__Participant *me)
+{
+    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
+    m.subscription = subscription;
+    m.me = me;
+    frames_add(f, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
+    frames_send(f);
+}
+
 static void people_see_each_other(void **unused)
 {
     begin(NULL);
@@ -89,7 +100,6 @@ static void people_see_each_other(void **unused)
     relight__presence__free_unpacked(p, NULL);
     reply_free(&r);
     // Bob follows Ann and points at the surface; Ann sees it.
-    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
     Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
     Relight__SurfacePoint at = RELIGHT__SURFACE_POINT__INIT;
     at.triangle = 5;
@@ -98,10 +108,7 @@ static void people_see_each_other(void **unused)
     me.by = "token:someone-else"; // is not his to say
     me.follows = ann_key;
     me.cursor = &at;
-    m.subscription = 11;
-    m.me = &me;
-    frames_add(bob, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
-    frames_send(bob);
+    send_presence(bob, 11, &me);
     for (bool seen = false; !seen;) {
         r = event_of(ann, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
         p = relight__presence__unpack(NULL, r.n, r.payload);
@@ -144,7 +151,6 @@ static int invite(struct frames *f, const char *room, int role, uint64_t expires
 // Adds ROOM_PRESENCE with a hand on the light, or with none.
 static void add_hand(struct frames *f, uint64_t subscription, float deg)
 {
-    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
     Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
     Relight__Scene scene = RELIGHT__SCENE__INIT;
     Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
@@ -158,10 +164,7 @@ static void add_hand(struct frames *f, uint64_t subscription, float deg)
     me.hand = &scene;
     me.hand_parts = parts;
     me.n_hand_parts = 1;
-    m.subscription = subscription;
-    m.me = &me;
-    frames_add(f, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
-    frames_send(f);
+    send_presence(f, subscription, &me);
 }
 
 // The next participant named Hand that f sees.
@@ -223,7 +226,6 @@ static void a_hand_is_seen(void **unused)
 // material of so many bytes.
 static void add_alone(struct frames *f, const char *name, float deg, uint32_t cube_n, size_t n)
 {
-    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
     Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
     Relight__Scene scene = RELIGHT__SCENE__INIT;
     Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
@@ -239,10 +241,7 @@ static void add_alone(struct frames *f, const char *name, float deg, uint32_t cu
     me.name = (char *)name;
     me.alone = true;
     me.own = &scene;
-    m.subscription = 11;
-    m.me = &me;
-    frames_add(f, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
-    frames_send(f);
+    send_presence(f, 11, &me);
     free(material);
 }
 

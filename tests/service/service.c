@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The daemon at its work: a real relightd, real sockets, librelight as the client. One scenario
-// a test. The model is an octahedron, so that a bake takes seconds.
+// The daemon at its work: a real relightd, real sockets, librelight as the client. One
+// scenario a test. The model is an octahedron, so that a bake takes seconds. Above 600 lines:
+// a list of scenarios, each read alone.
 #include "ask.h"
 
 #include <pthread.h>

@@ -8,21 +8,13 @@ changes or opens a file of the other; a replica is upgraded, and goes back, with
 import glob
 import hashlib
 import os
-import shutil
 import struct
 import sys
-import tempfile
 
-try:
-    import google.protobuf  # noqa: F401
-    import numpy as np
-except ImportError as missing:
-    print("skipped: %s; deploy/dependencies --tests installs it" % missing)
-    sys.exit(77)
+from replica import BAKE, Replica, model_file, replicas_in_a_folder, until
 
-from replica import Replica, model_file, relight, until
+import numpy as np
 
-BAKE = {"samples": 200, "cube": 16, "single_points": 2, "transport": "wavelet", "material": "marble"}
 OLD, NEXT = sys.argv[1], sys.argv[3]
 
 
@@ -49,7 +41,7 @@ def records(folder):
 
 def colours(replica, model):
     """Waits for the replica's own bake of it."""
-    until("%s at %d" % (model, replica.number), 120, lambda: replica.ask().info(model).state == "ready")
+    until("%s at %d" % (model, replica.number), 500, lambda: replica.ask().info(model).state == "ready")
     return replica.ask().colors(model, "constant")
 
 
@@ -145,27 +137,13 @@ def a_later_folder_is_refused(folder):
 
 
 def main():
-    folder = tempfile.mkdtemp(prefix="relightd-versions-")
-    replicas = []
-    try:
-        replicas = [Replica(folder, 1, OLD), Replica(folder, 2, NEXT)]
+    with replicas_in_a_folder("versions") as (folder, replicas):
+        replicas[:] = [Replica(folder, 1, OLD), Replica(folder, 2, NEXT)]
         ball, cup = each_answers_for_the_other(*replicas, folder)
         a_bake_goes_on_at_another_version(*replicas, folder)
         there_and_back(*replicas, folder, ball, cup)
         unloaded_everywhere(*replicas, folder, ball)
         a_later_folder_is_refused(folder)
-        for r in replicas:
-            r.stop()
-    except BaseException:
-        for r in replicas:
-            print("---- replica %d\n%s" % (r.number, r.log()[-6000:]))
-        raise
-    finally:
-        for r in replicas:
-            if r.process.poll() is None:
-                r.process.kill()
-                r.process.wait()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 main()

@@ -3,10 +3,12 @@
 #include <dirent.h>
 #include <errno.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -88,6 +90,34 @@ static void a_failed_rename_leaves_no_temporary_file(void **state)
     assert_int_equal(entries_of(folder), 0);
 }
 
+// The disk is full in the middle: what was there stays, though the caller goes on.
+static void a_failed_write_leaves_the_earlier_file(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_writer *w;
+    struct rlimit all, little = {.rlim_cur = 100};
+    struct prt_blob blob;
+    char path[128], many[1000] = "";
+    in_folder(path, "file");
+    assert_int_equal(prt_write_file(&ctx, path, "earlier", 7), PRT_OK);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &all), 0);
+    little.rlim_max = all.rlim_max;
+    void (*before)(int) = signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &little), 0);
+    assert_int_equal(prt_writer_open(&ctx, path, &w), PRT_OK);
+    int first = prt_writer_write(w, many, sizeof many), next = prt_writer_write(w, many, 1);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &all), 0);
+    signal(SIGXFSZ, before);
+    assert_int_equal(first, PRT_IO);
+    assert_int_equal(next, PRT_IO);
+    assert_int_equal(prt_writer_finish(w), PRT_IO);
+    assert_int_equal(prt_read_file(&ctx, path, 100, &blob), PRT_OK);
+    assert_string_equal(blob.bytes, "earlier");
+    prt_free(blob.bytes);
+    assert_int_equal(entries_of(folder), 1);
+    assert_int_equal(unlink(path), 0);
+}
+
 static void an_abandoned_file_leaves_nothing(void **state)
 {
     struct prt_context ctx = quiet();
@@ -135,6 +165,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(files_are_replaced_whole),
         cmocka_unit_test(a_failed_rename_leaves_no_temporary_file),
+        cmocka_unit_test(a_failed_write_leaves_the_earlier_file),
         cmocka_unit_test(an_abandoned_file_leaves_nothing),
         cmocka_unit_test(cpu_words_come_back),
     };

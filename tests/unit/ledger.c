@@ -75,12 +75,33 @@ static void test_names(void **state)
     assert_string_equal(ledger_name(LEDGER_LONG_REQUESTS), "long_requests");
 }
 
+// Tokens limit OUTPUT to 50, 20 and 80 bytes; of REQUESTS none says anything.
+static void token_limits(void *user, const char *principal, uint64_t limit[LEDGER_N])
+{
+    limit[LEDGER_OUTPUT] = principal[0] == 'a' ? 50 : principal[0] == 'b' ? 20 : 80;
+}
+
+static void test_least_limit(void **state)
+{
+    struct ledger *ledger = ledger_create(&options);
+    struct principal *p[3] = {NULL};
+    assert_int_equal(ledger_limit_least(ledger, LEDGER_REQUESTS), 10);
+    ledger_set_quotas(ledger, token_limits, NULL);
+    for (int i = 0; i < 3; i++)
+        p[i] = ledger_principal(ledger, i == 0 ? "anna" : i == 1 ? "bob" : "carl");
+    assert_int_equal(ledger_limit_least(ledger, LEDGER_OUTPUT), 20);
+    assert_int_equal(ledger_limit_least(ledger, LEDGER_REQUESTS), 10);
+    for (int i = 0; i < 3; i++) principal_release(p[i]);
+    ledger_destroy(ledger);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_limits),
         cmocka_unit_test(test_principals),
         cmocka_unit_test(test_names),
+        cmocka_unit_test(test_least_limit),
     };
     return cmocka_run_group_tests_name("ledger", tests, NULL, NULL);
 }

@@ -336,6 +336,12 @@ static void faults_are_named(void **state)
         {"\"nodes\":[{\"children\":[1]},{\"children\":[1]}],\"scenes\":[{\"nodes\":[0]}]",
          "its own descendant", PRT_FORMAT},
         {"\"nodes\":[{}]", "no triangles", PRT_FORMAT},
+        // one behind the last bufferView
+        {TETRA_VIEWS
+         ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
+         "\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":2,"
+         "\"attributes\":{\"POSITION\":0}}}}]}],\"nodes\":[{\"mesh\":0}]",
+         "damaged Draco primitive", PRT_FORMAT},
         // numbers the parser would turn into others
         {"\"bufferViews\":[{\"buffer\":0,\"byteOffset\":-4,\"byteLength\":48}]",
          "byteOffset is not a whole number", PRT_FORMAT},

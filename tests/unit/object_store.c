@@ -233,6 +233,76 @@ static void a_released_claim_is_another(void **state)
     object_store_close(b);
 }
 
+// What others do between the look at a claim and the creation of its successor.
+static void (*before_link)(void);
+
+int link(const char *from, const char *to)
+{
+    void (*others)(void) = before_link;
+    before_link = NULL;
+    if (others) others();
+    return linkat(AT_FDCWD, from, AT_FDCWD, to, 0);
+}
+
+static const char raced[] = "fedcba9876543210";
+static struct object_store *first_store, *second_store;
+static struct object_claim *first_claim, *second_claim;
+
+// One claims, is taken over, and releases: number 2 alone is left.
+static void claimed_and_taken_over(void)
+{
+    struct object_watch one = {0}, two = {0};
+    assert_int_equal(object_claim_take(first_store, raced, .01, &one, &first_claim), 0);
+    assert_int_equal(object_claim_take(second_store, raced, .01, &two, &second_claim), -EBUSY);
+    usleep(20000);
+    assert_int_equal(object_claim_take(second_store, raced, .01, &two, &second_claim), 0);
+    object_claim_release(first_claim);
+}
+
+static void owner_beats(void)
+{
+    assert_int_equal(object_claim_beat(first_claim, "alive"), 0);
+}
+
+static void owner_releases(void)
+{
+    object_claim_release(first_claim);
+    first_claim = NULL;
+}
+
+// A claim that was made while another's began, or that lives again, is not taken.
+static void who_loses_the_race_claims_nothing(void **state)
+{
+    struct object_store *late = open_store();
+    struct object_claim *claim = NULL;
+    first_store = open_store(), second_store = open_store();
+    struct object_watch watch = {0};
+    before_link = claimed_and_taken_over;
+    assert_int_equal(object_claim_take(late, raced, .01, &watch, &claim), -EBUSY);
+    assert_null(claim);
+    assert_int_equal(object_claim_beat(second_claim, "mine"), 0);
+    object_claim_release(second_claim);
+    for (int releases = 0; releases < 2; releases++) {
+        memset(&watch, 0, sizeof watch);
+        struct object_watch fresh = {0};
+        assert_int_equal(object_claim_take(first_store, raced, .01, &fresh, &first_claim), 0);
+        assert_int_equal(object_claim_take(late, raced, .01, &watch, &claim), -EBUSY);
+        usleep(20000);
+        before_link = releases ? owner_releases : owner_beats;
+        assert_int_equal(object_claim_take(late, raced, .01, &watch, &claim), -EBUSY);
+        assert_null(claim);
+        if (first_claim) assert_int_equal(object_claim_beat(first_claim, "still"), 0);
+        if (first_claim) object_claim_release(first_claim);
+    }
+    // Nothing of the losers is left: the next one claims at once.
+    memset(&watch, 0, sizeof watch);
+    assert_int_equal(object_claim_take(late, raced, .01, &watch, &claim), 0);
+    object_claim_release(claim);
+    object_store_close(late);
+    object_store_close(first_store);
+    object_store_close(second_store);
+}
+
 static void used_objects_are_not_collected(void **state)
 {
     struct object_store *a = open_store();
@@ -438,6 +508,36 @@ static void one_that_is_removed_is_whole_or_gone(void **state)
     assert_false(faulty);
 }
 
+static char put_file[128], put_hash[65];
+
+static void another_puts_it(void)
+{
+    char path[200];
+    struct timespec old[2] = {{1000000000, 0}, {1000000000, 0}};
+    assert_int_equal(object_put(first_store, OBJECT_BLOB, put_hash, put_file), 0);
+    snprintf(path, sizeof path, "%s/blobs/%.2s/%s", shared, put_hash, put_hash);
+    assert_int_equal(utimensat(AT_FDCWD, path, old, 0), 0);
+}
+
+// Who puts a blob that another has put meanwhile uses it: its time is that of the last use, by
+// which the collection goes.
+static void a_blob_that_is_there_is_used(void **state)
+{
+    char path[200];
+    struct stat st;
+    first_store = open_store();
+    struct object_store *late = open_store();
+    snprintf(put_file, sizeof put_file, "%s/file", folder);
+    make_file(put_file, 3, 1000, put_hash);
+    before_link = another_puts_it;
+    assert_int_equal(object_put(late, OBJECT_BLOB, put_hash, put_file), 0);
+    snprintf(path, sizeof path, "%s/blobs/%.2s/%s", shared, put_hash, put_hash);
+    assert_int_equal(stat(path, &st), 0);
+    assert_true(st.st_mtime > 1000000000);
+    object_store_close(late);
+    object_store_close(first_store);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -446,8 +546,10 @@ int main(void)
         cmocka_unit_test_setup_teardown(claims_are_watched_by_the_observers_clock, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(a_released_claim_is_another, setup, teardown),
+        cmocka_unit_test_setup_teardown(who_loses_the_race_claims_nothing, setup, teardown),
         cmocka_unit_test_setup_teardown(used_objects_are_not_collected, setup, teardown),
         cmocka_unit_test_setup_teardown(one_that_is_removed_is_whole_or_gone, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_blob_that_is_there_is_used, setup, teardown),
         cmocka_unit_test_setup_teardown(nothing_acknowledged_is_lost, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -3,11 +3,20 @@
 // inline light, a picture, a view, an error, a payload in two frames.
 #include "proto_vectors.h"
 
+#include <stdio.h>
 #include <string.h>
 
+enum { LAST = RELIGHT_FRAME_LAST, MORE = RELIGHT_FRAME_MORE, ANSWER = RELIGHT_TYPE_ANSWER };
 static uint8_t colors[2 * 64], blob[100], parts[256];
 static float cube[6 * 16 * 16 * 3];
 static const char hash[] = "bce0aff19cf5aa6a7469a30d61d04e4376e4bbf6381052ee9e7f33925c954d52";
+
+// Parts that several requests have.
+static Relight__Light light, second, *lights[] = {&light, &second};
+static Relight__Picture picture;
+static Relight__LoadRequest load;
+static Relight__ImageAnswer image;
+static const float moved[2][2][3] = {{{1, 2, 3}, {-1, 0.5f, 0}}, {{0, 1, 0}, {1, 0, 0}}};
 
 static unsigned add(struct vector *out, unsigned n, const char *name, const char *note,
                     uint16_t type, uint8_t flags, uint64_t id, const ProtobufCMessage *message,
@@ -28,10 +37,19 @@ unsigned vector_add(struct vector *out, unsigned n, const char *name, const char
     return add(out, n, name, note, type, flags, id, message, payload, size);
 }
 
+unsigned vector_exchange(struct vector *out, unsigned n, const char *name, uint16_t type,
+                         uint64_t id, const char *request_note, const ProtobufCMessage *request,
+                         const char *answer_note, const ProtobufCMessage *answer)
+{
+    static char names[MAX_VECTOR][32];
+    snprintf(names[n], sizeof names[n], "%s_answer", name);
+    n = add(out, n, name, request_note, type, LAST, id, request, NULL, 0);
+    return add(out, n, names[n - 1], answer_note, type | ANSWER, LAST, id, answer, NULL, 0);
+}
+
 // Three vertices in two clusters: vertices 2 and 0 with one row, vertex 1 with two.
 static unsigned add_coefficients(struct vector *out, unsigned n)
 {
-    enum { LAST = RELIGHT_FRAME_LAST, ANSWER = RELIGHT_TYPE_ANSWER };
     static Relight__FactorsRequest ask;
     static Relight__FactorsAnswer factors;
     static Relight__FactorTensor tensor, *tensors[] = {&tensor};
@@ -60,7 +78,7 @@ static unsigned add_coefficients(struct vector *out, unsigned n)
             27 | ANSWER, LAST, 20, &factors.base, &sections, sizeof sections);
 
     static Relight__ColorsRequest request;
-    static Relight__Light light, *lights[] = {&light};
+    static Relight__Light even, *all[] = {&even};
     static Relight__ColorsAnswer answer;
     static Relight__Coefficients coefficients;
     static Relight__CoefficientLayer layer, *layers[] = {&layer};
@@ -68,15 +86,15 @@ static unsigned add_coefficients(struct vector *out, unsigned n)
     static float scale = 2;
     static const uint16_t rows[9] = {0x3c00, 0x3800, 0x3400, 0x4000, 0, 0, 0, 0x4400, 0};
     relight__colors_request__init(&request);
-    relight__light__init(&light);
+    relight__light__init(&even);
     relight__colors_answer__init(&answer);
     relight__coefficients__init(&coefficients);
     relight__coefficient_layer__init(&layer);
     relight__outgoing__init(&outgoing);
-    light.env = "constant";
+    even.env = "constant";
     request.model = "3f9ad2c1";
     request.n_lights = 1;
-    request.lights = lights;
+    request.lights = all;
     request.format = RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
     n = add(out, n, "coefficients_request", "C: COLORS, coefficients", 12, LAST, 21,
             &request.base, NULL, 0);
@@ -106,14 +124,8 @@ static unsigned add_coefficients(struct vector *out, unsigned n)
                12 | ANSWER, LAST, 21, &answer.base, rows, sizeof rows);
 }
 
-unsigned vectors_make(struct vector out[MAX_VECTOR])
+static unsigned add_hello(struct vector *out, unsigned n)
 {
-    enum { LAST = RELIGHT_FRAME_LAST, MORE = RELIGHT_FRAME_MORE, ANSWER = RELIGHT_TYPE_ANSWER };
-    unsigned n = 0;
-    for (unsigned i = 0; i < sizeof blob; i++) blob[i] = (uint8_t)i;
-    for (unsigned i = 0; i < sizeof parts; i++) parts[i] = (uint8_t)(255 - i);
-    for (unsigned i = 0; i < sizeof cube / sizeof *cube; i++) cube[i] = (float)(i % 7) * 0.25f;
-
     static Relight__HelloRequest hello;
     relight__hello_request__init(&hello);
     hello.client = "vector 1.0";
@@ -152,7 +164,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     relight__ping_request__init(&ping);
     n = add(out, n, "ping_request", "C: PING, no header bytes, 4 payload bytes", 2, LAST, 2,
             &ping.base, blob, 4);
+    return n;
+}
 
+static unsigned add_upload(struct vector *out, unsigned n)
+{
     static Relight__PutBlobRequest ask, put;
     relight__put_blob_request__init(&ask);
     ask.hash = (char *)(uintptr_t)hash;
@@ -172,8 +188,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     there.received = sizeof blob;
     n = add(out, n, "put_blob_complete", "S: PUT_BLOB, complete", 4 | ANSWER, LAST, 4,
             &there.base, NULL, 0);
+    return n;
+}
 
-    static Relight__LoadRequest load;
+static unsigned add_load(struct vector *out, unsigned n)
+{
     static Relight__FileRef file, *files[] = {&file};
     static Relight__BakeSettings bake;
     relight__load_request__init(&load);
@@ -218,9 +237,12 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     done.elapsed_s = 120;
     n = add(out, n, "watch_done", "S: WATCH, done: LAST", 7 | ANSWER, LAST, 6, &done.base, NULL,
             0);
+    return n;
+}
 
+static unsigned add_colors(struct vector *out, unsigned n)
+{
     static Relight__ColorsRequest ask_colors;
-    static Relight__Light light, second, *lights[] = {&light, &second};
     static Relight__Vec3 gain;
     static Relight__Shade shade;
     static char env[80];
@@ -270,7 +292,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
             "S: COLORS, 2 planes of 3 vertices: (1,.5,.25) (0,0,0) "
             "(65408,0,0)",
             12 | ANSWER, LAST, 7, &answer.base, colors, sizeof colors);
+    return n;
+}
 
+static unsigned add_cancel(struct vector *out, unsigned n)
+{
     static Relight__CancelRequest cancel;
     relight__cancel_request__init(&cancel);
     cancel.id = 8;
@@ -282,10 +308,13 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     error.text = "request 8 was cancelled";
     n = add(out, n, "error", "S: ERROR for request 8", RELIGHT_TYPE_ERROR, LAST, 8, &error.base,
             NULL, 0);
+    return n;
+}
 
+static unsigned add_view(struct vector *out, unsigned n)
+{
     static Relight__ViewOpenRequest open;
     static Relight__ViewState state;
-    static Relight__Picture picture;
     relight__view_open_request__init(&open);
     relight__view_state__init(&state);
     relight__picture__init(&picture);
@@ -311,7 +340,6 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     n = add(out, n, "view_set", "C: VIEW_SET, another material", 15, LAST, 11, &set.base, NULL,
             0);
     static Relight__ViewFrame frame;
-    static Relight__ImageAnswer image;
     relight__view_frame__init(&frame);
     relight__image_answer__init(&image);
     image.width = 640;
@@ -325,7 +353,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     n = add(out, n, "view_frame_rest",
             "S: the other 100 payload bytes of that frame: no header", 14 | ANSWER, 0, 10, NULL,
             blob, sizeof blob);
+    return n;
+}
 
+static unsigned add_preview(struct vector *out, unsigned n)
+{
     static Relight__LoadRequest instant;
     static Relight__LoadAnswer seen;
     instant = load;
@@ -366,6 +398,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     drawn.cost = &spent;
     n = add(out, n, "image_answer", "S: IMAGE, 256 payload bytes in place of a picture's",
             13 | ANSWER, LAST, 13, &drawn.base, parts, sizeof parts);
+    return n;
+}
+
+static unsigned add_materials(struct vector *out, unsigned n)
+{
     static Relight__ColorsRequest ask_parts;
     static Relight__Shade two_media;
     static Relight__ObjectMaterial wax, *by_object[] = {&wax};
@@ -384,9 +421,13 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     n = add(out, n, "colors_materials",
             "C: COLORS, wax is marble and all other objects are ketchup", 12, LAST, 22,
             &ask_parts.base, NULL, 0);
+    return n;
+}
+
+static unsigned add_vertices(struct vector *out, unsigned n)
+{
     static Relight__UpdateVerticesRequest update;
     static Relight__UpdateVerticesAnswer updated;
-    static const float moved[2][2][3] = {{{1, 2, 3}, {-1, 0.5f, 0}}, {{0, 1, 0}, {1, 0, 0}}};
     relight__update_vertices_request__init(&update);
     relight__update_vertices_answer__init(&updated);
     update.model = "3f9ad2c1";
@@ -400,6 +441,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     updated.generation = 2;
     n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
             &updated.base, NULL, 0);
+    return n;
+}
+
+static unsigned add_view_fields(struct vector *out, unsigned n)
+{
     static Relight__ViewSetRequest slide;
     static Relight__ViewState slid;
     static Relight__ViewAck ack;
@@ -423,6 +469,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     ack.shown = 1;
     n = add(out, n, "view_ack", "C: VIEW_ACK of frame 1, one-way: id 0, no answer", 24, LAST, 0,
             &ack.base, NULL, 0);
+    return n;
+}
+
+static unsigned add_pose(struct vector *out, unsigned n)
+{
     static Relight__PutPoseRequest pose;
     static Relight__PutPoseAnswer posed;
     static Relight__GeometryRequest shape;
@@ -456,6 +507,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     shape.pose = (char *)(uintptr_t)hash;
     n = add(out, n, "geometry_of_pose", "C: GEOMETRY of that pose", 11, LAST, 18, &shape.base,
             NULL, 0);
+    return n;
+}
+
+static unsigned add_download(struct vector *out, unsigned n)
+{
     static Relight__GetBlobRequest get;
     static Relight__GetBlobAnswer got;
     relight__get_blob_request__init(&get);
@@ -468,6 +524,11 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     got.name = "sky.hdr";
     n = add(out, n, "get_blob_answer", "S: GET_BLOB, the last ten bytes", 25 | ANSWER, LAST, 19,
             &got.base, blob + 90, 10);
+    return n;
+}
+
+static unsigned add_endings(struct vector *out, unsigned n)
+{
     static Relight__Error range;
     relight__error__init(&range);
     range.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
@@ -485,75 +546,30 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     goaway.text = "the daemon is stopping";
     n = add(out, n, "goaway", "S: GOAWAY, unasked", RELIGHT_TYPE_GOAWAY, LAST, 0, &goaway.base,
             NULL, 0);
-    static Relight__SubscribeRequest subscribe;
-    static Relight__EventKind kinds[] = {RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED,
-                                         RELIGHT__EVENT_KIND__EVENT_JOB};
-    relight__subscribe_request__init(&subscribe);
-    subscribe.n_kinds = 2;
-    subscribe.kinds = kinds;
-    subscribe.run = "09f3c2d1a5b60718";
-    subscribe.after = 41;
-    n = add(out, n, "subscribe", "C: SUBSCRIBE to models and bakes, after event 41", 20, LAST,
-            15, &subscribe.base, NULL, 0);
-    static Relight__Event first, added;
-    relight__event__init(&first);
-    first.run = subscribe.run;
-    first.sequence = 41;
-    n = add(out, n, "event_none", "S: SUBSCRIBE goes on after 41, nothing was lost",
-            20 | ANSWER, 0, 15, &first.base, NULL, 0);
-    added = first;
-    added.sequence = 44;
-    added.kind = RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED;
-    added.time_us = UINT64_C(1700000000000000);
-    added.model = "3f9ad2c1";
-    added.name = "bunny.obj";
-    added.state = RELIGHT__MODEL_STATE__MODEL_RECEIVED;
-    added.generation = 1;
-    n = add(out, n, "event_model", "S: event 44, a model was added", 20 | ANSWER, 0, 15,
-            &added.base, NULL, 0);
-    static Relight__TokenCreateRequest token;
-    static Relight__TokenCreateAnswer token_made;
-    static Relight__TokenInfo token_info;
-    static Relight__TokenQuotas quotas;
-    static char *rights[] = {"view", "upload"};
-    relight__token_create_request__init(&token);
-    relight__token_quotas__init(&quotas);
-    quotas.rate = 20;
-    quotas.models = 4;
-    token.name = "anna";
-    token.n_scopes = 2;
-    token.scopes = rights;
-    token.lifetime_s = 2592000;
-    token.quotas = &quotas;
-    n = add(out, n, "token_create",
-            "C: TOKEN_CREATE for anna, 30 days, 20 requests/s, 4 models", 21, LAST, 16,
-            &token.base, NULL, 0);
-    relight__token_create_answer__init(&token_made);
-    relight__token_info__init(&token_info);
-    token_info.name = "anna";
-    token_info.n_scopes = 2;
-    token_info.scopes = rights;
-    token_info.created_s = 1700000000;
-    token_info.expires_s = 1702592000;
-    token_info.by = "uid:0";
-    token_info.quotas = &quotas;
-    token_made.token = "relight_AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8";
-    token_made.info = &token_info;
-    n = add(out, n, "token_create_answer", "S: TOKEN_CREATE, the secret of bytes 0 to 31",
-            21 | ANSWER, LAST, 16, &token_made.base, NULL, 0);
+    return n;
+}
+
+unsigned vectors_make(struct vector out[MAX_VECTOR])
+{
+    for (unsigned i = 0; i < sizeof blob; i++) blob[i] = (uint8_t)i;
+    for (unsigned i = 0; i < sizeof parts; i++) parts[i] = (uint8_t)(255 - i);
+    for (unsigned i = 0; i < sizeof cube / sizeof *cube; i++) cube[i] = (float)(i % 7) * 0.25f;
+    unsigned n = 0;
+    n = add_hello(out, n);
+    n = add_upload(out, n);
+    n = add_load(out, n);
+    n = add_colors(out, n);
+    n = add_cancel(out, n);
+    n = add_view(out, n);
+    n = add_preview(out, n);
+    n = add_materials(out, n);
+    n = add_vertices(out, n);
+    n = add_view_fields(out, n);
+    n = add_pose(out, n);
+    n = add_download(out, n);
+    n = add_endings(out, n);
+    n = vectors_add_access(out, n);
     n = add_coefficients(out, n);
-    static Relight__SignRequest sign;
-    static Relight__SignAnswer link;
-    relight__sign_request__init(&sign);
-    relight__sign_answer__init(&link);
-    sign.url = "/v1/models/bunny/image.jpg?rotate=30&env=studio";
-    sign.lifetime_s = 3600;
-    n = add(out, n, "sign", "C: SIGN for an hour", 35, LAST, 22, &sign.base, NULL, 0);
-    // By the token of token_create_answer, named anna.
-    link.url = "/v1/models/bunny/image.jpg?by=anna&env=studio&expires=1700003600&rotate=30&sig="
-               "F1cu3xt3O0FGPYZrjqZLObxbjMa2JhQo-zIWS6qc9kw";
-    link.expires_s = 1700003600;
-    n = add(out, n, "sign_answer", "S: SIGN by anna's token of token_create_answer",
-            35 | ANSWER, LAST, 22, &link.base, NULL, 0);
+    n = vectors_add_link(out, n);
     return vectors_add_rooms(out, n);
 }

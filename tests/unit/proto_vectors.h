@@ -22,6 +22,14 @@ unsigned vectors_make(struct vector out[MAX_VECTOR]);
 unsigned vector_add(struct vector *out, unsigned n, const char *name, const char *note,
                     uint16_t type, uint8_t flags, uint64_t id, const ProtobufCMessage *message,
                     const void *payload, uint64_t size);
+/* A request without a payload and its answer: files NAME.bin and NAME_answer.bin; n + 2. */
+unsigned vector_exchange(struct vector *out, unsigned n, const char *name, uint16_t type,
+                         uint64_t id, const char *request_note, const ProtobufCMessage *request,
+                         const char *answer_note, const ProtobufCMessage *answer);
+/* Events and tokens, behind n; returns how many there are then. */
+unsigned vectors_add_access(struct vector *out, unsigned n);
+/* A signed link, likewise. */
+unsigned vectors_add_link(struct vector *out, unsigned n);
 /* Those of review rooms, behind n; returns how many there are then. */
 unsigned vectors_add_rooms(struct vector *out, unsigned n);
 

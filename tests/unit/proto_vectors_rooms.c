@@ -40,9 +40,8 @@ static unsigned add_create(struct vector *out, unsigned n)
     ask.scene = small_scene();
     made.room = room;
     made.sequence = 1;
-    n = vector_add(out, n, "room_create", "C: ROOM_CREATE", 28, LAST, 30, &ask.base, NULL, 0);
-    return vector_add(out, n, "room_create_answer", "S: ROOM_CREATE", 28 | ANSWER, LAST, 30,
-                      &made.base, NULL, 0);
+    return vector_exchange(out, n, "room_create", 28, 30, "C: ROOM_CREATE", &ask.base,
+                           "S: ROOM_CREATE", &made.base);
 }
 
 static unsigned add_list(struct vector *out, unsigned n)
@@ -62,9 +61,8 @@ static unsigned add_list(struct vector *out, unsigned n)
     one.present = 1;
     list.n_rooms = 1;
     list.rooms = all;
-    n = vector_add(out, n, "room_list", "C: ROOM_LIST", 29, LAST, 31, &ask.base, NULL, 0);
-    return vector_add(out, n, "room_list_answer", "S: ROOM_LIST", 29 | ANSWER, LAST, 31,
-                      &list.base, NULL, 0);
+    return vector_exchange(out, n, "room_list", 29, 31, "C: ROOM_LIST", &ask.base,
+                           "S: ROOM_LIST", &list.base);
 }
 
 // A turn of the light, with the number that makes a retry safe.
@@ -90,10 +88,9 @@ static unsigned add_edit(struct vector *out, unsigned n)
     ask.number = 7;
     done.sequence = 2;
     done.time_us = 1700000001000000;
-    n = vector_add(out, n, "room_edit", "C: ROOM_EDIT: the lights, edit 7 of its client", 31,
-                   LAST, 32, &ask.base, NULL, 0);
-    return vector_add(out, n, "room_edit_answer", "S: ROOM_EDIT, once it is on the disk",
-                      31 | ANSWER, LAST, 32, &done.base, NULL, 0);
+    return vector_exchange(out, n, "room_edit", 31, 32,
+                           "C: ROOM_EDIT: the lights, edit 7 of its client", &ask.base,
+                           "S: ROOM_EDIT, once it is on the disk", &done.base);
 }
 
 // The events after the first: that edit alone.
@@ -148,10 +145,8 @@ static unsigned add_info(struct vector *out, unsigned n)
     info.n_triangle = 1;
     info.mesh_hash = "00112233445566aa";
     info.bake_hash = "8899aabbccddeeff";
-    n = vector_add(out, n, "info", "C: INFO of the room's model", 10, LAST, 36, &ask.base, NULL,
-                   0);
-    return vector_add(out, n, "info_answer", "S: INFO with mesh_hash and bake_hash",
-                      10 | ANSWER, LAST, 36, &info.base, NULL, 0);
+    return vector_exchange(out, n, "info", 10, 36, "C: INFO of the room's model", &ask.base,
+                           "S: INFO with mesh_hash and bake_hash", &info.base);
 }
 
 static unsigned add_hand(struct vector *out, unsigned n)

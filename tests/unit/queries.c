@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Answers to queries against the command contract: terms, views, planes of exit, media.
+// Answers to queries against the command contract: terms, views, planes of exit, media. Above
+// 600 lines: short cases, each read alone.
 #include "defined_tensors.h"
 
 static int transport_of(struct prt_transport *t, const struct synthetic_options *a,
@@ -283,110 +284,151 @@ static void half_space_seen_from_the_side(void **state)
     }
 }
 
+// A wavelet transport with made-up tensors under a light, and the answers by their definition.
+struct defined_answers {
+    struct prt_context ctx;
+    struct prt_transport t;
+    struct prt_cube cube;
+    struct prt_query q;
+    double divisor;        // T of METHODS §9, or 1 as in the papers
+    float *multiple, *own; // [N][3], [4][N][3]: what the tensors give
+    float *answer;         // [4][N][3]: room for answers
+};
+
+static void answers_begin(struct defined_answers *a, bool papers)
+{
+    struct prt_light light;
+    const struct prt_light *lights[1] = {&light};
+    *a = (struct defined_answers){.ctx = quiet(),
+                                  .divisor = papers ? 1 : 0.938868,
+                                  .multiple = malloc(12 * N),
+                                  .own = malloc(4 * 12 * N),
+                                  .answer = malloc(4 * 12 * N)};
+    a->q = (struct prt_query){.light = &a->cube,
+                              .exit = papers ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED};
+    transport_of(&a->t, &kind[0], &kind[1]);
+    some_cube(&a->cube);
+    assert_int_equal(prt_light_from_cube(&a->cube, &light), 0);
+    assert_int_equal(prt_relight(&a->ctx, &a->t.tensor[0], 1, lights, NULL, false, a->multiple),
+                     0);
+    assert_int_equal(prt_relight(&a->ctx, &a->t.tensor[1], 1, lights, NULL, false, a->own), 0);
+    prt_light_finish(&light);
+}
+
+static void answers_end(struct defined_answers *a)
+{
+    prt_cube_finish(&a->cube);
+    finish_transport(&a->t);
+    free(a->multiple);
+    free(a->own);
+    free(a->answer);
+}
+
+static int colors_of(struct defined_answers *a)
+{
+    return prt_answer_colors(&a->ctx, &a->t, &a->q, (float(*)[3])a->answer);
+}
+
+// Without an eye. The last quarter is opaque: nothing scatters in it, whatever the tensor says.
+static void check_terms(struct defined_answers *a)
+{
+    const float y00 = 0.28209479f, *multiple = a->multiple, *got = a->answer;
+    float *own = a->own;
+    unsigned n_bright = 0;
+    a->q.term = PRT_ANSWER_MULTIPLE;
+    assert_int_equal(colors_of(a), 0);
+    for (int i = 0; i < 3 * N; i++) assert_float_equal(got[i], fmaxf(0, multiple[i]), 1e-4);
+    a->q.term = PRT_ANSWER_SINGLE;
+    assert_int_equal(colors_of(a), 0);
+    for (int i = 3 * (N - N / 4); i < 3 * N; i++)
+        for (int k = 0; k < 4; k++) own[k * 3 * N + i] = 0;
+    for (int i = 0; i < 3 * N; i++) assert_float_equal(got[i], fmaxf(0, y00 * own[i]), 1e-4);
+    a->q.term = PRT_ANSWER_TOTAL;
+    assert_int_equal(colors_of(a), 0);
+    for (int i = 0; i < 3 * N; i++) {
+        // never Fresnel on opaque surfaces
+        bool opaque = i / 3 >= N - N / 4;
+        double mean = opaque ? 1 : 0.938868, share = opaque ? 1 : a->divisor;
+        double want = fmax(0, mean * ((double)multiple[i] / share + (double)(y00 * own[i])));
+        assert_true(fabs((double)got[i] - want) < 1e-4 * (1 + want));
+        n_bright += got[i] > 0;
+    }
+    assert_true(n_bright > N / 2);
+}
+
+// The cosine at vertex v towards the eye, and the harmonics of that direction bent to the
+// normal: same azimuth, sine / eta.
+static float bent_harmonics(const struct prt_mesh *mesh, int v, const float eye[3], float y[4])
+{
+    const float *p = mesh->position[v], *n = mesh->normal[v];
+    float w[3] = {eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]}, inside[3], tangent[3];
+    float length = sqrtf(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), cosine = 0, l = 0;
+    for (int i = 0; i < 3; i++) cosine += (w[i] /= length) * n[i];
+    float sine = sqrtf(fmaxf(0, 1 - cosine * cosine)) / 1.3f;
+    for (int i = 0; i < 3; i++) tangent[i] = w[i] - cosine * n[i];
+    for (int i = 0; i < 3; i++) l += tangent[i] * tangent[i];
+    l = sqrtf(l);
+    for (int i = 0; i < 3; i++)
+        inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
+    prt_sh_eval(2, inside, y);
+    return cosine;
+}
+
+// Towards an eye: planes that are corrected for the view, times Fresnel's transmittance.
+static void check_view(struct defined_answers *a, const float eye[3])
+{
+    const float *own = a->own, *got = a->answer;
+    unsigned n_plane;
+    a->q.eye = eye;
+    toward_a_view(&a->t, a->multiple, a->divisor, a->own);
+    assert_int_equal(colors_of(a), 0);
+    for (int v = 0; v < N; v++) {
+        float y[4], cosine = bent_harmonics(&a->t.mesh, v, eye, y);
+        bool opaque = v >= N - N / 4;
+        double ft = cosine > 0 ? prt_fresnel_transmittance((double)1.3f, (double)cosine) : 0;
+        for (int at = 3 * v; at < 3 * v + 3; at++) {
+            double sum = (double)own[at];
+            for (int k = 1; k < (opaque ? 1 : 4); k++)
+                sum += (double)y[k] * (double)own[k * 3 * N + at];
+            double want = fmax(0, sum * (opaque ? 1 : ft / a->divisor));
+            if (cosine <= 0 && !opaque) assert_true(got[at] == 0); // it faces away
+            else assert_true(fabs((double)got[at] - want) < 2e-4 * (1 + fabs(sum)));
+        }
+    }
+    assert_int_equal(prt_answer_planes(&a->ctx, &a->t, &a->q, &n_plane, NULL), 0);
+    assert_int_equal(n_plane, 4);
+    assert_int_equal(prt_answer_planes(&a->ctx, &a->t, &a->q, &n_plane, a->answer), 0);
+    for (int i = 0; i < 4 * 3 * N; i++) assert_true(fabsf(got[i] - own[i]) < 1e-3f);
+}
+
+// What does not fit together is refused.
+static void check_refusals(struct defined_answers *a)
+{
+    float eye[3] = {30, NAN, 10};
+    a->q.media = a->t.media;
+    assert_int_equal(colors_of(a), PRT_MISMATCH);
+    a->q.media.n = 0;
+    a->cube.n = 8;
+    assert_int_equal(colors_of(a), PRT_MISMATCH);
+    a->cube.n = 16;
+    a->q.light = NULL;
+    assert_int_equal(colors_of(a), PRT_ARG);
+    a->q.light = &a->cube;
+    a->q.eye = eye;
+    assert_int_equal(colors_of(a), PRT_ARG);
+}
+
 // total = F_t(eta, w_o) [multiple/T + sum_k Y_k(w_o') plane_k], clamped; W05 section 5 and
 // METHODS §1 (exit). The planes of single scattering are corrected for the view.
 static void check_answers(bool papers)
 {
-    struct prt_context ctx = quiet();
-    struct prt_transport t;
-    struct prt_cube cube;
-    float eye[3] = {30, 80, 10};
-    struct prt_query q = {.light = &cube,
-                          .exit = papers ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED};
-    const float y00 = 0.28209479f;
-    const double divisor = papers ? 1 : 0.938868;
-    float *multiple = malloc(12 * N), *single = malloc(12 * N), *total = malloc(12 * N);
-    float *own = malloc(4 * 12 * N), *planes = malloc(4 * 12 * N);
-    unsigned n_plane, n_bright = 0;
-    transport_of(&t, &kind[0], &kind[1]);
-    some_cube(&cube);
-    struct prt_light light;
-    const struct prt_light *lights[1] = {&light};
-    assert_int_equal(prt_light_from_cube(&cube, &light), 0);
-    assert_int_equal(prt_relight(&ctx, &t.tensor[0], 1, lights, NULL, false, multiple), 0);
-    assert_int_equal(prt_relight(&ctx, &t.tensor[1], 1, lights, NULL, false, own), 0);
-
-    q.term = PRT_ANSWER_MULTIPLE;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
-    for (int i = 0; i < 3 * N; i++) assert_float_equal(total[i], fmaxf(0, multiple[i]), 1e-4);
-    q.term = PRT_ANSWER_SINGLE;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])single), 0);
-    // the last quarter is opaque: nothing scatters in it, whatever the tensor says
-    for (int i = 3 * (N - N / 4); i < 3 * N; i++)
-        for (int k = 0; k < 4; k++) own[k * 3 * N + i] = 0;
-    for (int i = 0; i < 3 * N; i++) assert_float_equal(single[i], fmaxf(0, y00 * own[i]), 1e-4);
-    q.term = PRT_ANSWER_TOTAL;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
-    for (int i = 0; i < 3 * N; i++) {
-        // never Fresnel on opaque surfaces
-        bool opaque = i / 3 >= N - N / 4;
-        double mean = opaque ? 1 : 0.938868, share = opaque ? 1 : divisor;
-        double want = fmax(0, mean * ((double)multiple[i] / share + (double)(y00 * own[i])));
-        assert_true(fabs((double)total[i] - want) < 1e-4 * (1 + want));
-        n_bright += total[i] > 0;
-    }
-    assert_true(n_bright > N / 2);
-
-    q.eye = eye;
-    toward_a_view(&t, multiple, divisor, own);
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
-    for (int v = 0; v < N; v++) {
-        const float *p = t.mesh.position[v], *n = t.mesh.normal[v];
-        float w[3] = {eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]}, y[4];
-        float length = sqrtf(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), cosine = 0;
-        for (int i = 0; i < 3; i++) cosine += (w[i] /= length) * n[i];
-        bool opaque = v >= N - N / 4;
-        // w bent to the normal: same azimuth, sine / eta
-        float inside[3], tangent[3], sine = sqrtf(fmaxf(0, 1 - cosine * cosine)) / 1.3f;
-        for (int i = 0; i < 3; i++) tangent[i] = w[i] - cosine * n[i];
-        float l =
-            sqrtf(tangent[0] * tangent[0] + tangent[1] * tangent[1] + tangent[2] * tangent[2]);
-        for (int i = 0; i < 3; i++)
-            inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
-        prt_sh_eval(2, inside, y);
-        double ft = cosine > 0 ? prt_fresnel_transmittance((double)1.3f, (double)cosine) : 0;
-        ft /= divisor;
-        for (int ch = 0; ch < 3; ch++) {
-            int at = 3 * v + ch;
-            double sum = (double)own[at], want;
-            for (int k = 1; k < (opaque ? 1 : 4); k++)
-                sum += (double)y[k] * (double)own[k * 3 * N + at];
-            want = fmax(0, sum * (opaque ? 1 : ft));
-            if (cosine <= 0 && !opaque) assert_true(total[at] == 0); // it faces away
-            else assert_true(fabs((double)total[at] - want) < 2e-4 * (1 + fabs(sum)));
-        }
-    }
-
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, NULL), 0);
-    assert_int_equal(n_plane, 4);
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, planes), 0);
-    for (int i = 0; i < 3 * N; i++) {
-        assert_true(fabsf(planes[i] - own[i]) < 1e-3f);
-        for (int k = 1; k < 4; k++)
-            assert_true(fabsf(planes[k * 3 * N + i] - own[k * 3 * N + i]) < 1e-3f);
-    }
-
-    // what does not fit together is refused
-    q.media = t.media;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
-    q.media.n = 0;
-    cube.n = 8;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
-    cube.n = 16;
-    q.light = NULL;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_ARG);
-    eye[1] = NAN;
-    q.light = &cube;
-    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_ARG);
-
-    prt_light_finish(&light);
-    prt_cube_finish(&cube);
-    finish_transport(&t);
-    free(multiple);
-    free(single);
-    free(total);
-    free(own);
-    free(planes);
+    static const float eye[3] = {30, 80, 10};
+    struct defined_answers a;
+    answers_begin(&a, papers);
+    check_terms(&a);
+    check_view(&a, eye);
+    check_refusals(&a);
+    answers_end(&a);
 }
 
 static void answers_follow_the_command_contract(void **state)
@@ -407,138 +449,182 @@ static void give_basis(struct prt_tensor *t, const struct prt_radial *radial)
     t->basis = basis;
 }
 
+// A joint transport with made-up tensors and the bases of its file, under a light.
+struct free_transport {
+    struct prt_context ctx;
+    struct prt_transport t;
+    struct prt_cube cube;
+    struct prt_radial *radial[2];
+    struct prt_material m;
+    struct prt_query q;    // of m under the light
+    float *planes, *again; // [4][N][3]: the answer to q, and room for another
+};
+
+static void free_begin(struct free_transport *f)
+{
+    *f = (struct free_transport){.ctx = quiet(),
+                                 .m = {.name = "y",
+                                       .sigma_s_prime = {0.8f, 1, 3},
+                                       .sigma_a = {0.02f, 0.05f, 0.1f},
+                                       .g = {0.3f, 0, -0.2f},
+                                       .eta = 1.3f,
+                                       .roughness = 0.3f},
+                                 .planes = malloc(4 * 12 * N),
+                                 .again = malloc(4 * 12 * N)};
+    transport_of(&f->t, &kind[4], &kind[5]);
+    f->t.engine = PRT_TRANSPORT_JOINT;
+    for (int k = 0; k < 2; k++) {
+        struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
+                                       .family = (enum prt_radial_family)k,
+                                       .eta = 1.3,
+                                       .n_function = k ? 11 : 12};
+        assert_int_equal(prt_radial_create(&f->ctx, &o, &f->radial[k]), 0);
+        give_basis(&f->t.tensor[k], f->radial[k]);
+    }
+    some_cube(&f->cube);
+    f->q = (struct prt_query){
+        .term = PRT_ANSWER_TOTAL, .light = &f->cube, .media = prt_media_one(&f->m)};
+}
+
+static void free_end(struct free_transport *f)
+{
+    prt_cube_finish(&f->cube);
+    finish_transport(&f->t);
+    for (int k = 0; k < 2; k++) prt_radial_destroy(f->radial[k]);
+    free(f->planes);
+    free(f->again);
+}
+
+static int planes_of(struct free_transport *f, const struct prt_transport *t,
+                     const struct prt_query *q, float *out)
+{
+    unsigned n_plane;
+    int status = prt_answer_planes(&f->ctx, t, q, &n_plane, out);
+    if (!status) assert_int_equal(n_plane, 4);
+    return status;
+}
+
+// The planes by their definition, in the outward convention: a_0 = 1, a_1 = -g. bound: what a
+// kernel may err by.
+static void define_planes(struct free_transport *f, float *multiple, float *bound,
+                          float *wanted, float *own_bound)
+{
+    struct prt_light light;
+    const struct prt_light *lights[1] = {&light};
+    float coef[2][36], *own = malloc(4 * 12 * N);
+    double error;
+    assert_int_equal(prt_light_from_cube(&f->cube, &light), 0);
+    for (int k = 0; k < 2; k++)
+        assert_int_equal(prt_radial_fit_material(f->radial[k], &f->m, coef[k], &error), 0);
+    define(&f->t.tensor[0], &light, coef[0], 1, multiple, bound);
+    define(&f->t.tensor[1], &light, coef[1], 1, own, own_bound);
+    assert_int_equal(prt_relight(&f->ctx, &f->t.tensor[0], 1, lights, coef[0], false, multiple),
+                     0);
+    assert_int_equal(prt_relight(&f->ctx, &f->t.tensor[1], 1, lights, coef[1], false, own), 0);
+    for (int i = 0; i < 3 * N; i++)
+        for (int k = 0; k < 4; k++) {
+            int ch = i % 3;
+            double a = i >= 3 * (N - N / 4) ? 0 : k ? -(double)f->m.g[ch] : 1;
+            double sigma_s = (double)f->m.sigma_s_prime[ch] / (1 - (double)f->m.g[ch]);
+            wanted[k * 3 * N + i] = (float)(a * sigma_s * (double)own[k * 3 * N + i]);
+            own_bound[k * 3 * N + i] *= (float)(fabs(a) * sigma_s);
+        }
+    toward_a_view(&f->t, multiple, 0.938868, wanted);
+    prt_light_finish(&light);
+    free(own);
+}
+
 // Joint and polynomial transport: coefficients from the radial basis in the file, sigma_s and
 // the phase function's a_l at run time.
 static void free_materials_follow_the_basis(void **state)
 {
-    struct prt_context ctx = quiet();
-    struct prt_transport t;
-    struct prt_cube cube;
-    struct prt_radial *radial[2];
-    struct prt_material m = {.name = "y",
-                             .sigma_s_prime = {0.8f, 1, 3},
-                             .sigma_a = {0.02f, 0.05f, 0.1f},
-                             .g = {0.3f, 0, -0.2f},
-                             .eta = 1.3f,
-                             .roughness = 0.3f};
-    for (int f = 0; f < 2; f++) {
-        struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
-                                       .family = (enum prt_radial_family)f,
-                                       .eta = 1.3,
-                                       .n_function = f ? 11 : 12};
-        assert_int_equal(prt_radial_create(&ctx, &o, &radial[f]), 0);
-    }
-    transport_of(&t, &kind[4], &kind[5]);
-    t.engine = PRT_TRANSPORT_JOINT;
-    give_basis(&t.tensor[0], radial[0]);
-    give_basis(&t.tensor[1], radial[1]);
-    some_cube(&cube);
-    struct prt_light light;
-    const struct prt_light *lights[1] = {&light};
-    assert_int_equal(prt_light_from_cube(&cube, &light), 0);
-    float coef[2][36], *multiple = malloc(12 * N), *own = malloc(4 * 12 * N);
-    float *planes = malloc(4 * 12 * N), *again = malloc(4 * 12 * N);
-    float *bound = malloc(12 * N), *own_bound = malloc(4 * 12 * N);
-    double error;
-    for (int f = 0; f < 2; f++)
-        assert_int_equal(prt_radial_fit_material(radial[f], &m, coef[f], &error), 0);
-    define(&t.tensor[0], &light, coef[0], 1, multiple, bound);
-    define(&t.tensor[1], &light, coef[1], 1, own, own_bound);
-    assert_int_equal(prt_relight(&ctx, &t.tensor[0], 1, lights, coef[0], false, multiple), 0);
-    assert_int_equal(prt_relight(&ctx, &t.tensor[1], 1, lights, coef[1], false, own), 0);
-    struct prt_query q = {.term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)};
-    unsigned n_plane;
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, planes), 0);
-    assert_int_equal(n_plane, 4);
-    float *wanted = malloc(4 * 12 * N);
-    for (int i = 0; i < 3 * N; i++)
-        for (int k = 0; k < 4; k++) {
-            // outward convention: a_0 = 1, a_1 = -g
-            int ch = i % 3;
-            double a = i >= 3 * (N - N / 4) ? 0 : k ? -(double)m.g[ch] : 1;
-            double sigma_s = (double)m.sigma_s_prime[ch] / (1 - (double)m.g[ch]);
-            wanted[k * 3 * N + i] = (float)(a * sigma_s * (double)own[k * 3 * N + i]);
-            own_bound[k * 3 * N + i] *= (float)(fabs(a) * sigma_s);
-        }
-    toward_a_view(&t, multiple, 0.938868, wanted);
+    struct free_transport f;
+    float *multiple = malloc(12 * N), *bound = malloc(12 * N);
+    float *wanted = malloc(4 * 12 * N), *own_bound = malloc(4 * 12 * N);
+    free_begin(&f);
+    define_planes(&f, multiple, bound, wanted, own_bound);
+    assert_int_equal(planes_of(&f, &f.t, &f.q, f.planes), 0);
     for (int i = 0; i < 3 * N; i++)
         for (int k = 0; k < 4; k++) {
             // the correction mixes the four planes; its factors are below 3 with Y_1's constant
             double most = k ? 0 : (double)bound[i];
             for (int l = 0; l < 4; l++) most += 3 * (double)own_bound[l * 3 * N + i];
             const double want = (double)wanted[k * 3 * N + i];
-            const double off = fabs(want - (double)planes[k * 3 * N + i]);
+            const double off = fabs(want - (double)f.planes[k * 3 * N + i]);
             if (!(off <= 2 * most))
                 fail_msg("plane %d, value %d: %g, expected %g, %g allowed", k, i,
-                         (double)planes[k * 3 * N + i], want, 2 * most);
+                         (double)f.planes[k * 3 * N + i], want, 2 * most);
         }
-    free(wanted);
-    free(bound);
-    free(own_bound);
     // the bake's own material when none is given; the same answer the second time
-    q.media.n = 0;
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
-    assert_true(difference(again, planes, 12 * N) > 1e-3);
-    q.media = prt_media_one(&m);
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
-    assert_memory_equal(again, planes, 4 * 12 * N);
-    // light contracted once, whichever material comes: the same bits
+    f.q.media.n = 0;
+    assert_int_equal(planes_of(&f, &f.t, &f.q, f.again), 0);
+    assert_true(difference(f.again, f.planes, 12 * N) > 1e-3);
+    f.q.media = prt_media_one(&f.m);
+    assert_int_equal(planes_of(&f, &f.t, &f.q, f.again), 0);
+    assert_memory_equal(f.again, f.planes, 4 * 12 * N);
+    f.m.eta = 1.5f;
+    assert_int_equal(planes_of(&f, &f.t, &f.q, f.again), PRT_MISMATCH);
+    free_end(&f);
+    free(multiple);
+    free(bound);
+    free(wanted);
+    free(own_bound);
+}
+
+// Light contracted once gives the same bits, whichever material comes; of another transport it
+// is refused.
+static void contracted_light_serves_any_material(void **state)
+{
+    struct free_transport f;
     struct prt_contracted_light *lit, *other;
-    struct prt_transport elsewhere = t;
-    assert_int_equal(prt_contracted_light_create(&ctx, &t, &cube, &lit), 0);
-    assert_int_equal(prt_contracted_light_create(&ctx, &elsewhere, &cube, &other), 0);
+    free_begin(&f);
+    struct prt_transport elsewhere = f.t;
+    float *second = malloc(4 * 12 * N);
+    assert_int_equal(planes_of(&f, &f.t, &f.q, f.planes), 0);
+    assert_int_equal(prt_contracted_light_create(&f.ctx, &f.t, &f.cube, &lit), 0);
+    assert_int_equal(prt_contracted_light_create(&f.ctx, &elsewhere, &f.cube, &other), 0);
     assert_true(prt_contracted_light_bytes(lit) > 0);
+    struct prt_query q = f.q;
     q.light = NULL;
     q.lit = lit;
-    memset(again, 0xff, 4 * 12 * N);
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
-    assert_memory_equal(again, planes, 4 * 12 * N);
-    const struct prt_query both[2] = {
-        q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)}};
+    memset(f.again, 0xff, 4 * 12 * N);
+    assert_int_equal(planes_of(&f, &f.t, &q, f.again), 0);
+    assert_memory_equal(f.again, f.planes, 4 * 12 * N);
+    const struct prt_query both[2] = {q, f.q};
     const bool as_planes[2] = {true, true};
-    float *pair[2] = {again, own};
-    assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair, NULL), 0);
-    assert_memory_equal(again, planes, 4 * 12 * N);
-    assert_memory_equal(own, planes, 4 * 12 * N);
-    // the material first, whichever light comes
-    struct prt_contracted_transport *fixed;
-    const struct prt_query wavelet = {
-        .term = PRT_ANSWER_TOTAL, .light = &cube, .media = prt_media_one(&m)};
-    assert_int_equal(prt_contracted_transport_create(&ctx, &t, &wavelet.media, &fixed), 0);
-    assert_true(prt_contracted_transport_bytes(fixed) > 0);
-    const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &cube};
-    assert_int_equal(prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &lit_only,
-                                       &n_plane, again),
-                     0);
-    assert_int_equal(n_plane, 4);
-    double off = difference(again, planes, 4 * 3 * N);
-    assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
-    assert_int_equal(
-        prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &wavelet, &n_plane, again),
-        PRT_MISMATCH);
-    struct prt_contracted_transport *twice;
-    assert_int_equal(prt_contracted_transport_create(&ctx, prt_contracted_transport_get(fixed),
-                                                     &wavelet.media, &twice),
-                     PRT_MISMATCH);
-    prt_contracted_transport_destroy(fixed);
+    float *pair[2] = {f.again, second};
+    assert_int_equal(prt_answer_many(&f.ctx, &f.t, 2, both, as_planes, pair, NULL), 0);
+    assert_memory_equal(f.again, f.planes, 4 * 12 * N);
+    assert_memory_equal(second, f.planes, 4 * 12 * N);
     q.lit = other;
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
+    assert_int_equal(planes_of(&f, &f.t, &q, f.again), PRT_ARG);
     q.lit = NULL;
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
-    q.light = &cube;
+    assert_int_equal(planes_of(&f, &f.t, &q, f.again), PRT_ARG);
     prt_contracted_light_destroy(lit);
     prt_contracted_light_destroy(other);
-    m.eta = 1.5f;
-    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_MISMATCH);
-    prt_light_finish(&light);
-    prt_cube_finish(&cube);
-    finish_transport(&t);
-    prt_radial_destroy(radial[0]);
-    prt_radial_destroy(radial[1]);
-    free(multiple);
-    free(own);
-    free(planes);
-    free(again);
+    free(second);
+    free_end(&f);
+}
+
+// A material contracted once serves any light, within PRT_FIXED_ERROR; it takes no other.
+static void a_contracted_material_serves_any_light(void **state)
+{
+    struct free_transport f;
+    struct prt_contracted_transport *fixed, *twice;
+    free_begin(&f);
+    assert_int_equal(planes_of(&f, &f.t, &f.q, f.planes), 0);
+    assert_int_equal(prt_contracted_transport_create(&f.ctx, &f.t, &f.q.media, &fixed), 0);
+    assert_true(prt_contracted_transport_bytes(fixed) > 0);
+    const struct prt_transport *t = prt_contracted_transport_get(fixed);
+    const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &f.cube};
+    assert_int_equal(planes_of(&f, t, &lit_only, f.again), 0);
+    double off = difference(f.again, f.planes, 4 * 3 * N);
+    assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
+    assert_int_equal(planes_of(&f, t, &f.q, f.again), PRT_MISMATCH);
+    assert_int_equal(prt_contracted_transport_create(&f.ctx, t, &f.q.media, &twice),
+                     PRT_MISMATCH);
+    prt_contracted_transport_destroy(fixed);
+    free_end(&f);
 }
 
 // Contract of prt_answer_planes: coefficients that are kept from earlier answers are those of
@@ -603,6 +689,8 @@ int main(void)
         cmocka_unit_test(planes_of_exit_are_added),
         cmocka_unit_test(half_space_seen_from_the_side),
         cmocka_unit_test(free_materials_follow_the_basis),
+        cmocka_unit_test(contracted_light_serves_any_material),
+        cmocka_unit_test(a_contracted_material_serves_any_light),
         cmocka_unit_test(kept_coefficients_are_of_their_material_and_basis),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

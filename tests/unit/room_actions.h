@@ -97,89 +97,86 @@ static inline void act_change(struct room_act *a, struct rnd *r)
     a->action.scene = &a->change;
 }
 
-// Any action; numbers of pins and notes are taken from [1, newest].
-static inline void act_random(struct room_act *a, struct rnd *r, uint64_t newest)
+static inline void act_pin(struct room_act *a, struct rnd *r)
 {
-    static const int often[] = {0, 0, 0, 0, 1, 1,  2,  3,  4,  4,  4, 5,
-                                5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    memset(a, 0, sizeof *a);
     relight__room_action__init(&a->action);
-    snprintf(a->text, sizeof a->text, "note %u for @ann and @bob%u.", rnd(r, 1000), rnd(r, 3));
-    uint64_t some = 1 + rnd(r, (uint32_t)newest);
-    switch (RND_PICK(r, often)) {
+    relight__put_pin__init(&a->pin);
+    relight__seen__init(&a->seen);
+    act_point(&a->point[0], r);
+    a->pin.text = a->text;
+    a->pin.at = &a->point[0];
+    a->pin.seen = &a->seen;
+    a->action.pin = &a->pin;
+}
+
+static inline void act_stroke(struct room_act *a, struct rnd *r, uint64_t some)
+{
+    relight__put_stroke__init(&a->stroke);
+    for (size_t i = 0; i < 4; i++) {
+        act_point(&a->point[i], r);
+        a->points[i] = &a->point[i];
+    }
+    a->stroke.points = a->points;
+    a->stroke.n_points = 1 + rnd(r, 4);
+    a->stroke.width = 2;
+    a->stroke.pin = rnd_chance(r, 2) ? some : 0;
+    a->action.stroke = &a->stroke;
+}
+
+static inline void act_decide(struct room_act *a, struct rnd *r)
+{
+    relight__room_action__init(&a->action);
+    relight__decide__init(&a->decide);
+    relight__seen__init(&a->seen);
+    a->decide.approve = rnd_chance(r, 2);
+    a->decide.note = a->text;
+    a->decide.seen = &a->seen;
+    a->action.decide = &a->decide;
+}
+
+// Undo, redo, a revision or a variant.
+static inline void act_history(struct room_act *a, struct rnd *r, int which)
+{
+    relight__nothing__init(&a->nothing);
+    relight__save_revision__init(&a->save);
+    relight__put_variant__init(&a->variant);
+    a->variant.name = "cold";
+    a->variant.material = "milk";
+    if (which == 0 && rnd_chance(r, 3)) a->action.redo = &a->nothing;
+    else if (which == 0) a->action.undo = &a->nothing;
+    if (which == 1) a->action.save = &a->save;
+    if (which != 2) return;
+    if (rnd_chance(r, 2)) a->variant.name = "warm";
+    if (!rnd_chance(r, 4)) a->variant.material = "";
+    a->action.variant = &a->variant;
+}
+
+// What is said about pin or note `some`: a reply, a change of its text, its status, its end.
+static inline void act_about(struct room_act *a, struct rnd *r, uint64_t some, int which)
+{
+    relight__put_note__init(&a->note);
+    relight__set_status__init(&a->status);
+    relight__erase__init(&a->erase);
+    a->note.target = a->status.pin = a->erase.target = some;
+    a->note.text = a->text;
+    if (which == 0 && rnd_chance(r, 4)) a->action.change = &a->note;
+    else if (which == 0) a->action.reply = &a->note;
+    if (which == 1) a->status.resolved = rnd_chance(r, 2);
+    if (which == 1) a->action.status = &a->status;
+    if (which == 2) a->action.erase = &a->erase;
+}
+
+// Who may do what: members, links, the room's name and its end.
+static inline void act_access(struct room_act *a, struct rnd *r, int which)
+{
+    switch (which) {
     case 0:
-        act_change(a, r);
-        break;
-    case 1:
-        relight__nothing__init(&a->nothing);
-        if (rnd_chance(r, 3)) a->action.redo = &a->nothing;
-        else a->action.undo = &a->nothing;
-        break;
-    case 2:
-        relight__save_revision__init(&a->save);
-        a->action.save = &a->save;
-        break;
-    case 3:
-        relight__put_variant__init(&a->variant);
-        a->variant.name = rnd_chance(r, 2) ? "warm" : "cold";
-        a->variant.material = rnd_chance(r, 4) ? "" : "milk";
-        a->action.variant = &a->variant;
-        break;
-    case 4:
-        relight__put_pin__init(&a->pin);
-        relight__seen__init(&a->seen);
-        act_point(&a->point[0], r);
-        a->pin.text = a->text;
-        a->pin.at = &a->point[0];
-        a->pin.seen = &a->seen;
-        a->action.pin = &a->pin;
-        break;
-    case 5:
-    case 6:
-        relight__put_note__init(&a->note);
-        a->note.target = some;
-        a->note.text = a->text;
-        if (rnd_chance(r, 4)) a->action.change = &a->note;
-        else a->action.reply = &a->note;
-        break;
-    case 7:
-        relight__set_status__init(&a->status);
-        a->status.pin = some;
-        a->status.resolved = rnd_chance(r, 2);
-        a->action.status = &a->status;
-        break;
-    case 8:
-        relight__put_stroke__init(&a->stroke);
-        for (size_t i = 0; i < 4; i++) {
-            act_point(&a->point[i], r);
-            a->points[i] = &a->point[i];
-        }
-        a->stroke.points = a->points;
-        a->stroke.n_points = 1 + rnd(r, 4);
-        a->stroke.width = 2;
-        a->stroke.pin = rnd_chance(r, 2) ? some : 0;
-        a->action.stroke = &a->stroke;
-        break;
-    case 9:
-        relight__erase__init(&a->erase);
-        a->erase.target = some;
-        a->action.erase = &a->erase;
-        break;
-    case 10:
-        relight__decide__init(&a->decide);
-        relight__seen__init(&a->seen);
-        a->decide.approve = rnd_chance(r, 2);
-        a->decide.note = a->text;
-        a->decide.seen = &a->seen;
-        a->action.decide = &a->decide;
-        break;
-    case 11:
         relight__member__init(&a->member);
         a->member.by = rnd_chance(r, 2) ? "token:carl" : "*";
         a->member.role = (Relight__RoomRole)rnd(r, 4);
         a->action.member = &a->member;
         break;
-    case 12:
+    case 1:
         relight__invite__init(&a->invite);
         snprintf(a->id, sizeof a->id, "%08x", rnd(r, 20));
         memset(a->hash, '0' + (int)rnd(r, 10), 64);
@@ -189,21 +186,42 @@ static inline void act_random(struct room_act *a, struct rnd *r, uint64_t newest
         a->invite.expires_s = rnd(r, 2);
         a->action.invite = &a->invite;
         break;
-    case 13:
+    case 2:
         snprintf(a->id, sizeof a->id, "%08x", rnd(r, 20));
         a->action.revoke = a->id;
         break;
-    case 14:
+    case 3:
         relight__room_rename__init(&a->rename);
         a->rename.name = a->text;
         a->action.rename = &a->rename;
         break;
-    case 15:
+    default:
         relight__room_close__init(&a->close);
         a->close.closed = rnd_chance(r, 8);
         a->action.close = &a->close;
-        break;
     }
+}
+
+// Any action; numbers of pins and notes are taken from [1, newest].
+static inline void act_random(struct room_act *a, struct rnd *r, uint64_t newest)
+{
+    enum { CHANGE, HISTORY, PIN = HISTORY + 3, ABOUT, STROKE = ABOUT + 3, DECIDE, ACCESS };
+    static const int often[] = {
+        CHANGE,    CHANGE, CHANGE, CHANGE,     HISTORY,    HISTORY,    HISTORY + 1, HISTORY + 2,
+        PIN,       PIN,    PIN,    ABOUT,      ABOUT,      ABOUT,      ABOUT + 1,   STROKE,
+        ABOUT + 2, DECIDE, ACCESS, ACCESS + 1, ACCESS + 2, ACCESS + 3, ACCESS + 4};
+    memset(a, 0, sizeof *a);
+    relight__room_action__init(&a->action);
+    snprintf(a->text, sizeof a->text, "note %u for @ann and @bob%u.", rnd(r, 1000), rnd(r, 3));
+    uint64_t some = 1 + rnd(r, (uint32_t)newest);
+    int which = RND_PICK(r, often);
+    if (which == CHANGE) act_change(a, r);
+    else if (which < PIN) act_history(a, r, which - HISTORY);
+    else if (which == PIN) act_pin(a, r);
+    else if (which < STROKE) act_about(a, r, some, which - ABOUT);
+    else if (which == STROKE) act_stroke(a, r, some);
+    else if (which == DECIDE) act_decide(a, r);
+    else act_access(a, r, which - ACCESS);
 }
 
 static inline void act_start(struct room_act *a, struct rnd *r)

@@ -439,13 +439,46 @@ static void media_by_object(void **unused)
     }
 }
 
+// The picture that a pin or a decision names is a SHA-256 in hex; none is named by "".
+static void pictures_are_named_by_their_hash(void **unused)
+{
+    static char hash[] = "bce0aff19cf5aa6a7469a30d61d04e4376e4bbf6381052ee9e7f33925c954d52";
+    static char upper[] = "BCE0AFF19CF5AA6A7469A30D61D04E4376E4BBF6381052EE9E7F33925C954D52";
+    static char *const bad[] = {"sky.png", hash + 1, upper, "../../../etc/passwd"};
+    struct rnd r;
+    rnd_seed(&r, 5);
+    struct table t = {NULL, begin(&r), 1000000};
+    struct room_act pin = {0}, decision = {0};
+    act_pin(&pin, &r);
+    act_decide(&decision, &r);
+    pin.pin.text = decision.decide.note = "seen";
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        pin.pin.picture_hash = decision.decide.picture_hash = bad[i];
+        assert_int_equal(act(&t, ANN, RELIGHT__ROOM_ROLE__ROLE_OWNER, &pin.action),
+                         RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+        assert_int_equal(act(&t, ANN, RELIGHT__ROOM_ROLE__ROLE_OWNER, &decision.action),
+                         RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    }
+    for (int named = 0; named < 2; named++) {
+        pin.pin.picture_hash = decision.decide.picture_hash = named ? hash : "";
+        assert_int_equal(act(&t, ANN, RELIGHT__ROOM_ROLE__ROLE_OWNER, &pin.action), 0);
+        assert_int_equal(act(&t, ANN, RELIGHT__ROOM_ROLE__ROLE_OWNER, &decision.action), 0);
+    }
+    room_state_free(t.state);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(replicas_agree),      cmocka_unit_test(interleavings),
-        cmocka_unit_test(undo_by_person),      cmocka_unit_test(a_drag_is_one_step),
-        cmocka_unit_test(conflicts_are_told),  cmocka_unit_test(roles),
-        cmocka_unit_test(notes_and_revisions), cmocka_unit_test(media_by_object),
+        cmocka_unit_test(replicas_agree),
+        cmocka_unit_test(interleavings),
+        cmocka_unit_test(undo_by_person),
+        cmocka_unit_test(a_drag_is_one_step),
+        cmocka_unit_test(conflicts_are_told),
+        cmocka_unit_test(roles),
+        cmocka_unit_test(notes_and_revisions),
+        cmocka_unit_test(media_by_object),
+        cmocka_unit_test(pictures_are_named_by_their_hash),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

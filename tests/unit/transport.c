@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Half floats and the .prt file: what is written comes back, and nothing else is accepted.
+// Above 600 lines: short cases, each read alone.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -55,7 +55,8 @@ type Init<S extends DescMessage> = Parameters<typeof create<S>>[1];
 const RETRY_FIRST_MS = 400;
 const RETRY_MOST_MS = 8000;
 const PING_MS = 60000;
-// After GOAWAY of a daemon that shares its models: by then a proxy's checks have found that it leaves.
+// Wait between GOAWAY and the new connection [ms], where replicas share their models. Within it the health checks of
+// a proxy have found that this daemon stops, and the proxy chooses another.
 const LEAVE_MS = 1200;
 const MOST_PATH = 120; // characters of a model in a path
 

@@ -17,7 +17,8 @@ export function modelChange(seen: Seen | undefined, made: MadeNow): string {
   return made.bakeHash ? "the model was baked anew since" : "the model has no bake now";
 }
 
-/** Whether the room shows what the decision was about. now: number of its revision. */
+/** Whether the room still shows the revision, mesh and bake that the decision was made about. now: the number of
+ * its revision. */
 export const stands = (decision: Decision, now: number, made: MadeNow) =>
   (decision.seen?.revision ?? 0) === now && !modelChange(decision.seen, made);
 
