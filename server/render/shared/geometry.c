@@ -101,6 +101,13 @@ static void file_opened(struct cache_job *job)
     struct shape_job *own = (struct shape_job *)job;
     struct shape *s = job->value = create_shape(own->file);
     bool moved = s && own->pose && own->pose->n == s->mesh.n_vertex;
+    if (s && own->pose && own->pose->name[0] && !moved) { // it was read from the disk
+        snprintf(job->work.error, sizeof job->work.error,
+                 "the pose has %u vertices, the model has %u: it is of another model",
+                 own->pose->n, s->mesh.n_vertex);
+        cache_job_complete(job, PRT_MISMATCH);
+        return;
+    }
     if (!s || (moved && !set_pose(s, own->pose))) {
         cache_job_complete(job, PRT_NOMEM);
         return;
