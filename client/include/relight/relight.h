@@ -597,16 +597,17 @@ int relight_put_animation(struct relight_client *client, const char *model, cons
                           const char *animation, double time_s, bool up_z, char pose[65],
                           struct relight_error *error);
 
-/* Takes a model out of the daemon's memory.
- * Returns 0 and the bytes that became free in *freed_bytes (NULL is allowed).
- * -RELIGHT_E_NOT_FOUND. -RELIGHT_E_MISMATCH: it is to be forgotten, and review rooms need it.
- * -RELIGHT_E_FORBIDDEN: RELIGHT_FORGET_HELD without the scope admin.
- * Thread-safety: Safe. Blocks for a round trip. */
+/* What goes besides the memory. */
 enum relight_forget {
     RELIGHT_KEEP_BAKE,
     RELIGHT_FORGET,     /* its bake and its entry in the catalogue go, too */
     RELIGHT_FORGET_HELD /* the same where review rooms need it */
 };
+/* Takes a model out of the daemon's memory.
+ * Returns 0 and the bytes that became free in *freed_bytes (NULL is allowed).
+ * -RELIGHT_E_NOT_FOUND. -RELIGHT_E_MISMATCH: it is to be forgotten, and review rooms need it.
+ * -RELIGHT_E_FORBIDDEN: RELIGHT_FORGET_HELD without the scope admin.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_unload(struct relight_client *client, const char *model, enum relight_forget forget,
                    uint64_t *freed_bytes, struct relight_error *error);
 
