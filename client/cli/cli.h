@@ -43,7 +43,7 @@ struct options {
     unsigned n_word;
     const char *as, *role, *at, *model, *layout; /* of rooms */
     uint32_t revision, decision;
-    bool wait, files, remote, forget, own_units, follow;
+    bool wait, files, remote, forget, force, own_units, follow;
 };
 
 struct command {

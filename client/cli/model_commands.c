@@ -406,7 +406,12 @@ int run_unload(struct relight_client *client, struct options *options)
 {
     struct relight_error error;
     uint64_t freed;
-    if (relight_unload(client, options->target, options->forget, &freed, &error))
+    if (options->force && !options->forget)
+        return report_usage(options, "--force is for --forget");
+    enum relight_forget forget = options->force    ? RELIGHT_FORGET_HELD
+                                 : options->forget ? RELIGHT_FORGET
+                                                   : RELIGHT_KEEP_BAKE;
+    if (relight_unload(client, options->target, forget, &freed, &error))
         return report_error(options, &error);
     if (options->json) {
         cJSON *json = cJSON_CreateObject();

@@ -192,6 +192,8 @@ static const struct row {
     {'l', "files", NULL, FLAG, AT(files), 0, 0, NULL, 0,
      "also list the loadable files of the daemon's models folder and your uploaded images"},
     {'F', "forget", NULL, FLAG, AT(forget), 0, 0, NULL, 0, "delete the bake as well"},
+    {'8', "force", NULL, FLAG, AT(force), 0, 0, NULL, 0,
+     "with --forget: also where review rooms need the model, whose pins are lost then (needs admin)"},
     // Keys below the blank have no short option.
     {1, "name", "NAME", TEXT, AT(token_order.name), 0, 0, NULL, 0,
      "name of the token: letters, digits, dots, hyphens, underscores"},
@@ -351,7 +353,7 @@ const struct command commands[] = {
     {"unload", "ID",
      "Frees a model's memory; keeps its bake without --forget.\v"
      "Example:\n  relight unload bunny",
-     COMMON "F", true, run_unload},
+     COMMON "F8", true, run_unload},
     {"token", "create|list|revoke [NAME]",
      "Creates, lists and revokes the daemon's tokens.\v"
      "Needs the scope admin, which the daemon's own user and root have on its unix socket. create "

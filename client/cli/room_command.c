@@ -280,12 +280,12 @@ static int read_point(struct room_call *c, const char *model, cJSON **out)
     return EXIT_DONE;
 }
 
-// The room's scene and the SHA-256 of its picture. A scene that changes meanwhile is drawn
-// again.
-static int see(struct room_call *c, cJSON **scene, char hash[65])
+// The room's scene, the SHA-256 of its picture, and what that was made from (NULL: an older
+// daemon does not say it). A scene that changes meanwhile is drawn again.
+static int see(struct room_call *c, cJSON **scene, char hash[65], cJSON **drawn)
 {
     for (int tries = 0; tries < 5; tries++) {
-        struct relight_room_view view = {.format = RELIGHT_IMAGE_PNG};
+        struct relight_room_view view = {0};
         struct relight_image image;
         struct relight_sha256 sha;
         cJSON *before = room_state(c);
@@ -297,6 +297,9 @@ static int see(struct room_call *c, cJSON **scene, char hash[65])
         relight_sha256_init(&sha);
         relight_sha256_add(&sha, image.data, image.n_byte);
         relight_sha256_hex(&sha, hash);
+        cJSON *made = *image.mesh_hash ? cJSON_CreateObject() : NULL;
+        if (made) cJSON_AddStringToObject(made, "mesh_hash", image.mesh_hash);
+        if (made) cJSON_AddStringToObject(made, "bake_hash", image.bake_hash);
         relight_image_finish(&image);
         cJSON *after = room_state(c);
         bool same =
@@ -304,6 +307,8 @@ static int see(struct room_call *c, cJSON **scene, char hash[65])
         *scene = same ? cJSON_DetachItemFromObject(after, "scene") : NULL;
         cJSON_Delete(before);
         cJSON_Delete(after);
+        *drawn = same ? made : NULL;
+        if (!same) cJSON_Delete(made);
         if (!after) return EXIT_FAILED;
         if (same) return EXIT_DONE;
     }
@@ -313,9 +318,10 @@ static int see(struct room_call *c, cJSON **scene, char hash[65])
 static int pin(struct room_call *c)
 {
     char hash[65];
-    cJSON *scene, *at = NULL;
-    int status = see(c, &scene, hash);
+    cJSON *scene, *drawn, *at = NULL;
+    int status = see(c, &scene, hash, &drawn);
     if (status) return status;
+    cJSON_Delete(drawn); // a pin is about the surface
     if ((status = read_point(c, text_of(scene, "model"), &at))) {
         cJSON_Delete(scene);
         return status;
@@ -388,14 +394,15 @@ static int erase(struct room_call *c)
 static int decide(struct room_call *c, bool approve)
 {
     char hash[65];
-    cJSON *scene;
-    int status = see(c, &scene, hash);
+    cJSON *scene, *drawn;
+    int status = see(c, &scene, hash, &drawn);
     if (status) return status;
     cJSON *m = cJSON_CreateObject();
     cJSON_AddBoolToObject(m, "approve", approve);
     if (c->n_word) cJSON_AddStringToObject(m, "note", c->word[0]);
     cJSON_AddItemToObject(m, "scene", scene);
     cJSON_AddStringToObject(m, "picture_hash", hash);
+    if (drawn) cJSON_AddItemToObject(m, "drawn", drawn);
     return simple(c, room_action("decide", m), approve ? "approved" : "rejected");
 }
 

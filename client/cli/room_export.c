@@ -87,7 +87,7 @@ static int write_pictures(struct room_call *c, const cJSON *state)
         cJSON_ArrayForEach(item, list_of(state, kind ? "decisions" : "pins"))
         {
             uint64_t sequence = (uint64_t)number_of(list_of(item, "stamp"), "sequence");
-            struct relight_room_view view = {.format = RELIGHT_IMAGE_PNG};
+            struct relight_room_view view = {0};
             if (kind) view.decision = sequence;
             else view.pin = sequence;
             snprintf(name, sizeof name, "pictures/%s-%llu.png", kind ? "decision" : "pin",

@@ -286,7 +286,9 @@ int relight_get_image(const Relight__ImageAnswer *m, const uint8_t *payload,
                                   .format = (enum relight_image_format)m->format,
                                   .generation = m->generation,
                                   .n_byte = payload_size,
-                                  .data = payload};
+                                  .data = payload,
+                                  .mesh_hash = m->drawn ? m->drawn->mesh_hash : "",
+                                  .bake_hash = m->drawn ? m->drawn->bake_hash : ""};
     if (m->camera) {
         out->camera.set = true;
         get_vec3(m->camera->eye, out->camera.eye);

@@ -54,13 +54,14 @@ int relight_cancel_job(struct relight_client *client, const char *job,
     return 0;
 }
 
-int relight_unload(struct relight_client *client, const char *model, bool forget,
+int relight_unload(struct relight_client *client, const char *model, enum relight_forget forget,
                    uint64_t *freed_bytes, struct relight_error *error)
 {
     Relight__UnloadRequest m = RELIGHT__UNLOAD_REQUEST__INIT;
     struct answer *answer;
     m.model = relight_text(model);
-    m.forget = forget;
+    m.forget = forget != RELIGHT_KEEP_BAKE;
+    m.force = forget == RELIGHT_FORGET_HELD;
     int status = relight_call(client, RELIGHT_TYPE_UNLOAD, &m.base, &answer, error);
     if (status) return status;
     if (freed_bytes) *freed_bytes = ((Relight__UnloadAnswer *)answer->message)->freed_bytes;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Writers of 8-bit images: PNG with a choice of two row filters and the fastest deflate level;
- * JPEG in strips that threads encode. */
+/* Writers of 8-bit and 16-bit images: PNG with a choice of two row filters and the fastest
+ * deflate level; JPEG in strips that threads encode. */
 #include "light_private.h"
 
 #include <stdlib.h>
@@ -81,26 +81,32 @@ static void filter_row(const uint8_t *row, const uint8_t *above, size_t n, size_
     if (up < sub) memcpy(out, spare, n + 1);
 }
 
-int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
-                   uint32_t height, unsigned n_channel, struct prt_blob *out)
+static int check_png(const struct prt_context *ctx, uint32_t width, uint32_t height,
+                     unsigned n_channel)
+{
+    if (width && height && width <= PRT_IMAGE_MAX && height <= PRT_IMAGE_MAX &&
+        (n_channel == 3 || n_channel == 4))
+        return PRT_OK;
+    return prt_fail(ctx, PRT_ARG,
+                    "PNG of %u x %u x %u: allowed are 1 to %d pixels a side and 3 or 4 "
+                    "channels",
+                    width, height, n_channel, PRT_IMAGE_MAX);
+}
+
+/* pixels: as the file has them, 16-bit channels with the high byte first. */
+static int encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
+                      uint32_t height, unsigned n_channel, unsigned bits, struct prt_blob *out)
 {
     static const uint8_t magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
     enum { FRONT = 8 + 25 + 13 + 8, BACK = 4 + 12 };
-    memset(out, 0, sizeof *out);
-    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX ||
-        (n_channel != 3 && n_channel != 4))
-        return prt_fail(ctx, PRT_ARG,
-                        "PNG of %u x %u x %u: allowed are 1 to %d pixels a side and 3 or 4 "
-                        "channels",
-                        width, height, n_channel, PRT_IMAGE_MAX);
-    const size_t n = (size_t)width * n_channel;
+    const size_t step = (size_t)n_channel * bits / 8, n = width * step;
     uint8_t *filtered = prt_alloc((n + 1) * (height + 1) + n, 1);
     if (!filtered)
         return prt_fail(ctx, PRT_NOMEM, "no memory for a PNG of %u x %u", width, height);
     uint8_t *spare = filtered + (n + 1) * height, *zero = spare + n + 1;
     memset(zero, 0, n);
     for (uint32_t y = 0; y < height; y++)
-        filter_row(pixels + y * n, y ? pixels + (y - 1) * n : zero, n, n_channel,
+        filter_row(pixels + y * n, y ? pixels + (y - 1) * n : zero, n, step,
                    filtered + y * (n + 1), spare);
     uint8_t *file = NULL;
     const size_t size = deflate_all(filtered, (n + 1) * height, FRONT, BACK, &file);
@@ -111,7 +117,7 @@ int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_
     }
     uint8_t header[13], *p = file;
     put_u32(put_u32(header, width), height);
-    memcpy(header + 8, (const uint8_t[5]){8, n_channel == 4 ? 6 : 2, 0, 0, 0}, 5);
+    memcpy(header + 8, (const uint8_t[5]){(uint8_t)bits, n_channel == 4 ? 6 : 2, 0, 0, 0}, 5);
     memcpy(p, magic, 8);
     p = put_chunk(p + 8, "IHDR", header, sizeof header);
     p = put_chunk(p, "sRGB", "\0", 1);
@@ -120,6 +126,33 @@ int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_
     out->bytes = file;
     out->size = (size_t)(p - file);
     return PRT_OK;
+}
+
+int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
+                   uint32_t height, unsigned n_channel, struct prt_blob *out)
+{
+    memset(out, 0, sizeof *out);
+    int status = check_png(ctx, width, height, n_channel);
+    return status ? status : encode_png(ctx, pixels, width, height, n_channel, 8, out);
+}
+
+int prt_encode_png16(const struct prt_context *ctx, const uint16_t *pixels, uint32_t width,
+                     uint32_t height, unsigned n_channel, struct prt_blob *out)
+{
+    const size_t n = (size_t)width * height * n_channel;
+    memset(out, 0, sizeof *out);
+    int status = check_png(ctx, width, height, n_channel);
+    if (status) return status;
+    uint8_t *bytes = prt_alloc(n, 2);
+    if (!bytes)
+        return prt_fail(ctx, PRT_NOMEM, "no memory for a PNG of %u x %u", width, height);
+    for (size_t i = 0; i < n; i++) {
+        bytes[2 * i] = (uint8_t)(pixels[i] >> 8);
+        bytes[2 * i + 1] = (uint8_t)pixels[i];
+    }
+    status = encode_png(ctx, bytes, width, height, n_channel, 16, out);
+    prt_free(bytes);
+    return status;
 }
 
 /* ---- JPEG: strips that threads encode, one scan with a restart marker between them ---- */

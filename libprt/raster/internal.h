@@ -45,6 +45,7 @@ void prt_raster_look_finish(struct prt_gbuffer *g);
 /* tone.c: a tone curve at an exposure, and n values by it. */
 struct tone_curve {
     const uint8_t *table;
+    const uint16_t *fine; /* of prt_tone_map_fine */
     float scale;
 };
 int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float exposure_ev,

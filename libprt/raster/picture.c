@@ -19,20 +19,66 @@ static int encode_hdr(const struct prt_context *ctx, const struct prt_image *ima
     return prt_encode_hdr(ctx, image, out);
 }
 
-// Straight colours and alpha from premultiplied ones, as PNG has them. Tone curves apply to the
-// straight colour.
+static int no_memory(const struct prt_context *ctx, const struct prt_image *image)
+{
+    return prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels", image->width,
+                    image->height);
+}
+
+// Colours of prt_tone_map_fine(), and alpha, where the image has it: [height][width][3 or 4].
+static int fine_pixels(const struct prt_context *ctx, const struct prt_image *image,
+                       const float *alpha, const struct prt_picture_options *options,
+                       uint16_t *out)
+{
+    const size_t n = (size_t)image->width * image->height;
+    int status = prt_tone_map_fine(ctx, image, options->tone, options->exposure_ev, out);
+    if (!alpha) return status;
+    for (size_t i = n; i-- > 0;) { // the last first: a pixel grows from three values to four
+        const float a = fminf(fmaxf(alpha[i], 0), 1);
+        memmove(out + 4 * i, out + 3 * i, 3 * sizeof *out);
+        out[4 * i + 3] = (uint16_t)(257 * (unsigned)(255 * a + 0.5f));
+    }
+    return status;
+}
+
+// Straight colours from premultiplied ones, as PNG has them. Tone curves apply to the straight
+// colour.
+static int straighten(const struct prt_context *ctx, const struct prt_image *image,
+                      struct prt_image *out)
+{
+    const size_t n = (size_t)image->width * image->height;
+    *out = (struct prt_image){image->width, image->height, prt_alloc(n, 12), NULL};
+    if (!out->rgb) return no_memory(ctx, image);
+    for (size_t i = 0; i < 3 * n; i++)
+        out->rgb[i] = image->rgb[i] / fmaxf(image->alpha[i / 3], 1e-4f);
+    return PRT_OK;
+}
+
+static int encode_fine(const struct prt_context *ctx, const struct prt_image *image,
+                       const struct prt_picture_options *options, struct prt_blob *out)
+{
+    const unsigned n_channel = image->alpha ? 4 : 3;
+    struct prt_image straight = {0};
+    uint16_t *pixels = prt_alloc((size_t)image->width * image->height, 2 * n_channel);
+    int status = pixels ? PRT_OK : no_memory(ctx, image);
+    if (!status && image->alpha) status = straighten(ctx, image, &straight);
+    if (!status)
+        status =
+            fine_pixels(ctx, image->alpha ? &straight : image, image->alpha, options, pixels);
+    if (!status)
+        status = prt_encode_png16(ctx, pixels, image->width, image->height, n_channel, out);
+    prt_image_finish(&straight);
+    prt_free(pixels);
+    return status;
+}
+
 static int encode_alpha(const struct prt_context *ctx, const struct prt_image *image,
                         const struct prt_picture_options *options, struct prt_blob *out)
 {
     const size_t n = (size_t)image->width * image->height;
-    struct prt_image straight = {image->width, image->height, prt_alloc(n, 12), NULL};
+    struct prt_image straight = {0};
     uint8_t *rgb8 = prt_alloc(n, 3), *rgba8 = prt_alloc(n, 4);
-    int status = straight.rgb && rgb8 && rgba8
-                     ? PRT_OK
-                     : prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels",
-                                image->width, image->height);
-    for (size_t i = 0; !status && i < 3 * n; i++)
-        straight.rgb[i] = image->rgb[i] / fmaxf(image->alpha[i / 3], 1e-4f);
+    int status = rgb8 && rgba8 ? straighten(ctx, image, &straight) : no_memory(ctx, image);
     if (!status)
         status = prt_tone_map(ctx, &straight, options->tone, options->exposure_ev, rgb8);
     for (size_t i = 0; !status && i < n; i++) {
@@ -66,9 +112,7 @@ static int encode_8bit(const struct prt_context *ctx, const struct prt_image *im
 {
     const uint32_t width = image->width, height = image->height;
     uint8_t *rgb8 = prt_alloc((size_t)width * height, 3);
-    if (!rgb8)
-        return prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels", width,
-                        height);
+    if (!rgb8) return no_memory(ctx, image);
     int status = prt_tone_map(ctx, image, options->tone, options->exposure_ev, rgb8);
     if (!status)
         status = jpeg ? jpeg_of_rgb8(ctx, rgb8, width, height, options, out)
@@ -80,8 +124,9 @@ static int encode_8bit(const struct prt_context *ctx, const struct prt_image *im
 static int encode_png(const struct prt_context *ctx, const struct prt_image *image,
                       const struct prt_picture_options *options, struct prt_blob *out)
 {
-    return image->alpha ? encode_alpha(ctx, image, options, out)
-                        : encode_8bit(ctx, image, options, false, out);
+    return options->fine  ? encode_fine(ctx, image, options, out)
+           : image->alpha ? encode_alpha(ctx, image, options, out)
+                          : encode_8bit(ctx, image, options, false, out);
 }
 
 static int encode_jpeg(const struct prt_context *ctx, const struct prt_image *image,

@@ -10,7 +10,10 @@
 enum { OCTAVE_LO = -14, OCTAVE_HI = 12, STEP_BITS = 10, SHIFT = 23 - STEP_BITS };
 enum { N_ENTRY = (OCTAVE_HI - OCTAVE_LO) << STEP_BITS };
 
+enum { FINE_LEVELS = 5 * 255 }; // an odd multiple: rounded again to 8 bits they are the table's
+
 static uint8_t table[3][N_ENTRY];
+static uint16_t fine[3][N_ENTRY];
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 // Filmic: x (x + a) / (x (x + b) + c) has a toe, maps middle grey (0.18) to itself and
@@ -42,7 +45,10 @@ static void make_tables(void)
                             (1u << (SHIFT - 1));
             float x;
             memcpy(&x, &bits, 4);
-            table[t][i] = (uint8_t)(255 * srgb(curve((enum prt_tone)t, x)) + 0.5);
+            const double shown = srgb(curve((enum prt_tone)t, x));
+            table[t][i] = (uint8_t)(255 * shown + 0.5);
+            fine[t][i] =
+                (uint16_t)(65535.0 / FINE_LEVELS * floor(FINE_LEVELS * shown + 0.5) + 0.5);
         }
     }
 }
@@ -57,50 +63,82 @@ int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float expo
         return prt_fail(ctx, PRT_ARG, "exposure %g EV is outside [-64,64]",
                         (double)exposure_ev);
     pthread_once(&once, make_tables);
-    *out = (struct tone_curve){table[tone], exp2f(exposure_ev)};
+    *out = (struct tone_curve){table[tone], fine[tone], exp2f(exposure_ev)};
     return PRT_OK;
+}
+
+enum { TOGETHER = 256 }; // values whose indices are computed before one is looked up
+
+// Where the table has n values, n <= TOGETHER.
+static void find_entries(float scale, const float *in, int n, int32_t index[TOGETHER])
+{
+    const float lo = 0x1p-14f, hi = 0x1.fffffep11f;
+    const int32_t base = (127 + OCTAVE_LO) << STEP_BITS;
+    for (int k = 0; k < n; k++) {
+        // a comparison with NaN is false, so that NaN becomes lo, which is black
+        float x = in[k] * scale;
+        x = x > lo ? x : lo;
+        x = x < hi ? x : hi;
+        int32_t b;
+        memcpy(&b, &x, 4);
+        index[k] = (b >> SHIFT) - base;
+    }
 }
 
 void prt_tone_values(const struct tone_curve *tone, const float *in, size_t n, uint8_t *out)
 {
-    const float scale = tone->scale, lo = 0x1p-14f, hi = 0x1.fffffep11f;
-    const int32_t base = (127 + OCTAVE_LO) << STEP_BITS;
     const uint8_t *curve_table = tone->table;
-    for (size_t i = 0; i < n; i += 256) {
-        int32_t index[256];
-        int m = n - i < 256 ? (int)(n - i) : 256;
-        for (int k = 0; k < m; k++) {
-            // a comparison with NaN is false, so that NaN becomes lo, which is black
-            float x = in[i + (size_t)k] * scale;
-            x = x > lo ? x : lo;
-            x = x < hi ? x : hi;
-            int32_t b;
-            memcpy(&b, &x, 4);
-            index[k] = (b >> SHIFT) - base;
-        }
+    for (size_t i = 0; i < n; i += TOGETHER) {
+        int32_t index[TOGETHER];
+        const int m = n - i < TOGETHER ? (int)(n - i) : TOGETHER;
+        find_entries(tone->scale, in + i, m, index);
         for (int k = 0; k < m; k++) out[i + (size_t)k] = curve_table[index[k]];
+    }
+}
+
+static void fine_values(const struct tone_curve *tone, const float *in, size_t n, uint16_t *out)
+{
+    for (size_t i = 0; i < n; i += TOGETHER) {
+        int32_t index[TOGETHER];
+        const int m = n - i < TOGETHER ? (int)(n - i) : TOGETHER;
+        find_entries(tone->scale, in + i, m, index);
+        for (int k = 0; k < m; k++) out[i + (size_t)k] = tone->fine[index[k]];
     }
 }
 
 struct job {
     const float *in;
     uint8_t *out;
+    uint16_t *fine; // in place of out
     struct tone_curve curve;
 };
 
 static int encode(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct job *job = arg;
-    prt_tone_values(&job->curve, job->in + begin, end - begin, job->out + begin);
+    if (job->fine) fine_values(&job->curve, job->in + begin, end - begin, job->fine + begin);
+    else prt_tone_values(&job->curve, job->in + begin, end - begin, job->out + begin);
     return PRT_OK;
+}
+
+static int map_image(const struct prt_context *ctx, const struct prt_image *image,
+                     enum prt_tone tone, float exposure_ev, struct job *job)
+{
+    int status = prt_tone_curve(ctx, tone, exposure_ev, &job->curve);
+    if (status) return status;
+    job->in = image->rgb;
+    return prt_parallel_for(ctx, NULL, (size_t)image->width * image->height * 3, 65536, encode,
+                            job);
 }
 
 int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
                  enum prt_tone tone, float exposure_ev, uint8_t *rgb8)
 {
-    struct job job = {image->rgb, rgb8, {0}};
-    int status = prt_tone_curve(ctx, tone, exposure_ev, &job.curve);
-    if (status) return status;
-    return prt_parallel_for(ctx, NULL, (size_t)image->width * image->height * 3, 65536, encode,
-                            &job);
+    return map_image(ctx, image, tone, exposure_ev, &(struct job){.out = rgb8});
+}
+
+int prt_tone_map_fine(const struct prt_context *ctx, const struct prt_image *image,
+                      enum prt_tone tone, float exposure_ev, uint16_t *rgb16)
+{
+    return map_image(ctx, image, tone, exposure_ev, &(struct job){.fine = rgb16});
 }

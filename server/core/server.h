@@ -88,8 +88,9 @@ struct server {
     void (*write_tokens)(struct server *server, const char *text,
                          void (*done)(void *user, int fault), void *user);
     /* Calls run(request) once the uploads and the model that the message names are here, which
-     * other replicas may have; the message is not kept. ordered: in the order of the
-     * connection's requests about views. NULL: one machine. */
+     * other replicas may have, and poses that rooms keep on the disk are in memory; the message
+     * is not kept. ordered: in the order of the connection's requests about views. NULL before
+     * the start. */
     void (*fetch_then)(struct request *request, const ProtobufCMessage *message, bool ordered,
                        void (*run)(struct request *request));
     /* The connection closes: its requests wait for other replicas no longer. */

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Names of models and uploads in a message, found by its descriptor.
+// Names of models, uploads and poses in a message, found by its descriptor.
 #include "net/message_names.h"
 
 #include "frame.h"
@@ -17,6 +17,8 @@ static void tell_text(const char *field, const char *text, message_name_fn fn, v
     const char *hash = strncmp(text, "env:", 4) ? text : text + 4;
     for (size_t i = 0; i < sizeof blobs / sizeof *blobs; i++)
         if (!strcmp(field, blobs[i]) && relight_hash_valid(hash)) fn(user, NAME_BLOB, hash);
+    if ((!strcmp(field, "pose") || !strcmp(field, "base_pose")) && relight_hash_valid(text))
+        fn(user, NAME_POSE, text);
     bool id = strlen(text) == ID && strspn(text, "0123456789abcdef") == ID;
     if (!strcmp(field, "model") || (!strcmp(field, "job") && id)) fn(user, NAME_MODEL, text);
 }

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /* message_names.h owns which fields of a message name what the daemon has on its disk: models,
- * and uploads by their hash. Thread-safe. */
+ * uploads by their hash, and poses. Thread-safe. */
 #ifndef RELIGHTD_MESSAGE_NAMES_H
 #define RELIGHTD_MESSAGE_NAMES_H
 
 #include <protobuf-c/protobuf-c.h>
 
-enum message_name { NAME_BLOB, NAME_MODEL };
-/* name: of a blob its hash, 64 hex digits; of a model what the field has, which may be "". */
+enum message_name { NAME_BLOB, NAME_MODEL, NAME_POSE };
+/* name: of a blob or a pose its hash, 64 hex digits; of a model what the field has, which may
+ * be "". */
 typedef void (*message_name_fn)(void *user, enum message_name kind, const char *name);
 
 /* Calls fn for each name in the message and the messages in it. */

@@ -101,6 +101,7 @@ void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last
     static const char *const type[] = {
         [RELIGHT__IMAGE_FORMAT__IMAGE_JPEG] = "image/jpeg",
         [RELIGHT__IMAGE_FORMAT__IMAGE_PNG] = "image/png",
+        [RELIGHT__IMAGE_FORMAT__IMAGE_PNG16] = "image/png",
         [RELIGHT__IMAGE_FORMAT__IMAGE_EXR] = "image/x-exr",
         [RELIGHT__IMAGE_FORMAT__IMAGE_RGB8] = "application/octet-stream",
         [RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT] = "image/x-exr",

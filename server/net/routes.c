@@ -344,9 +344,9 @@ static bool prepare_info(struct exchange *x, struct http_problem *problem)
 
 static bool prepare_unload(struct exchange *x, struct http_problem *problem)
 {
-    static const struct field fields[] = {{"forget", "forget", NULL}};
+    static const struct field fields[] = {{"forget", "forget", NULL}, {"force", "force", NULL}};
     return new_message(x, &relight__unload_request__descriptor, problem) &&
-           set_fields(x, fields, 1, problem);
+           set_fields(x, fields, 2, problem);
 }
 
 static bool prepare_watch(struct exchange *x, struct http_problem *problem)
@@ -400,7 +400,8 @@ static bool prepare_room_image(struct exchange *x, struct http_problem *problem)
                     x->ending);
         return false;
     }
-    return !message_set(x->message, "format", x->ending, error) &&
+    const char *format = strcasecmp(x->ending, "png") ? x->ending : "png16";
+    return !message_set(x->message, "format", format, error) &&
            set_fields(x, fields, 4, problem);
 }
 

@@ -521,6 +521,34 @@ void op_geometry(struct request *request)
     else with_shape(request, in->model, in->pose, in->variant, geometry_ready);
 }
 
+// A model that review rooms need is forgotten by force alone. True when the request was
+// answered.
+static bool refuse_held(struct request *request, const struct model *m, bool force)
+{
+    const struct holds *holds = request->server->holds;
+    bool admin = !access_missing(request->conn->caller.scopes, SCOPE_ADMIN);
+    char ids[160];
+    if (!holds_has(holds, m->id) || (force && admin)) return false;
+    if (force) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                     "force needs the scope admin: review rooms need %.100s", m->name);
+    } else if (!holds_known(holds)) {
+        request->retry_ms = 200;
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BUSY,
+                     "the review rooms that may need %.100s are being read: try again",
+                     m->name);
+    } else {
+        unsigned n = holds_rooms(holds, m->id, ids, sizeof ids);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
+                     "%.100s: %u review room%s need%s it%s%s: its pins could not be drawn "
+                     "again. Close what is over (--rooms-keep deletes it later), or an admin "
+                     "forces it (--force)",
+                     m->name, n, n == 1 ? "" : "s", n == 1 ? "s" : "", admin ? ": " : "",
+                     admin ? ids : "");
+    }
+    return true;
+}
+
 void op_unload(struct request *request)
 {
     const Relight__UnloadRequest *in = MESSAGE(UnloadRequest);
@@ -534,8 +562,10 @@ void op_unload(struct request *request)
     if (!operation_owned(request, m->owner, in->model)) return;
     Relight__UnloadAnswer out = RELIGHT__UNLOAD_ANSWER__INIT;
     bool forget = in->forget;
-    log_line(LOG_EVENT, "audit act=unload who=%s model=%s owner=%s forget=%d",
-             request->conn->caller.name, m->id, m->owner, forget);
+    if (forget && refuse_held(request, m, in->force)) return;
+    log_line(LOG_EVENT, "audit act=unload who=%s model=%s owner=%s forget=%d held=%d",
+             request->conn->caller.name, m->id, m->owner, forget,
+             holds_has(request->server->holds, m->id));
     if (!forget) m->pinned = false;
     model_hold(m);
     if (forget) shared_models_forget_kin(request->server->shared_models, m);

@@ -147,6 +147,12 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
     }
     bool failed = in->base_pose[0] && !(p->base = poses_find(request->server->poses, m,
                                                              in->base_pose, &code, error));
+    if (p->base && p->base->n != prt_file_transport(file->value)->mesh.n_vertex) {
+        failed = true;
+        code = RELIGHT__ERROR_CODE__ERROR_MISMATCH;
+        snprintf(error, sizeof error, "base_pose has %u vertices: it is of another model",
+                 p->base->n);
+    }
     if (!failed && in->n) failed = !(p->bytes = request_take_payload(request));
     if (failed) {
         request_fail(request, code, "%s", error);

@@ -618,6 +618,8 @@ static void fire(struct loop_timer *timer)
 
 int shared_models_create(struct server *server, struct shared_models **out)
 {
+    server->fetch_then = shared_fetch_then;
+    server->fetch_drop = shared_fetch_drop;
     if (!object_store_shared(server->objects)) return PRT_OK;
     struct shared_models *s = calloc(1, sizeof *s);
     if (!s) return PRT_NOMEM;
@@ -632,8 +634,6 @@ int shared_models_create(struct server *server, struct shared_models **out)
     s->look.work.class = WORK_STILL;
     snprintf(s->look.run, sizeof s->look.run, "%s", server->run);
     *out = s;
-    server->fetch_then = shared_fetch_then;
-    server->fetch_drop = shared_fetch_drop;
     server->kin_of = kin_of;
     // Models that only this replica had, from before --store, are the others', too.
     for (struct model *m = NULL; (m = models_next(server->models, m));)

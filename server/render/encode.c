@@ -117,7 +117,7 @@ static int raw_rgb8(const struct prt_context *ctx, const struct prt_image *image
 // file around them.
 static const struct image_format {
     const char *ending;
-    bool full_float;
+    bool full_float, fine; // of struct prt_picture_options
     int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
                   const struct prt_picture_options *options, struct prt_blob *out);
 } formats[] = {
@@ -125,6 +125,7 @@ static const struct image_format {
     [RELIGHT__IMAGE_FORMAT__IMAGE_PNG] = {.ending = ".png"},
     [RELIGHT__IMAGE_FORMAT__IMAGE_EXR] = {.ending = ".exr"},
     [RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT] = {.ending = ".exr", .full_float = true},
+    [RELIGHT__IMAGE_FORMAT__IMAGE_PNG16] = {.ending = ".png", .fine = true},
     [RELIGHT__IMAGE_FORMAT__IMAGE_RGB8] = {.encode = raw_rgb8},
     [RELIGHT__IMAGE_FORMAT__IMAGE_F16] = {.encode = raw_f16},
 };
@@ -144,7 +145,7 @@ bool image_format_alpha(unsigned format)
 bool draws_rgb8(const struct render_spec *s)
 {
     const struct image_format *format = &formats[s->image_format];
-    return !s->transparent &&
+    return !s->transparent && !format->fine &&
            (format->encode == raw_rgb8 ||
             (format->ending && prt_picture_format(format->ending)->encode_rgb8));
 }
@@ -154,7 +155,8 @@ static struct prt_picture_options options_of(const struct render_spec *s)
     return (struct prt_picture_options){.tone = (enum prt_tone)s->tone,
                                         .exposure_ev = s->picture_ev,
                                         .quality = (int)s->quality,
-                                        .full_float = formats[s->image_format].full_float};
+                                        .full_float = formats[s->image_format].full_float,
+                                        .fine = formats[s->image_format].fine};
 }
 
 int encode_rgb8(const struct prt_context *ctx, const struct render_spec *s, uint8_t *rgb8,

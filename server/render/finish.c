@@ -342,6 +342,8 @@ static void set_result(struct render *r)
     out->height = s->height;
     out->camera = r->camera;
     if (!s->picture) set_planes(r);
+    else out->drawn = model_hashes((r->screen ? render_shape(r)->file : r->file.entry)->value);
+    if (r->bakes) out->drawn.bake[0] = 0; // a draft is no bake, as find_seen has it
     if (r->screen) set_screen_result(r);
     else set_baked_result(r);
 }

@@ -148,6 +148,7 @@ struct render_result {
     uint64_t hash;              /* of the payload, where the spec asks for it */
     struct cache_entry *values; /* struct vertex_values, for the callee to release; or NULL */
     struct prt_camera camera;
+    struct model_hashes drawn; // of the file that a picture was made from
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
     float error_bound;
     uint32_t shared, samples, frames;
@@ -176,6 +177,7 @@ void render_cancel(struct render *render);
 struct render_camera_message {
     Relight__Camera camera;
     Relight__Vec3 eye, target, up;
+    Relight__Drawn drawn;
 };
 void render_cost_message(const struct render_result *result, Relight__Cost *cost);
 /* The parts of an answer with coefficients. */

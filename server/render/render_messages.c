@@ -93,5 +93,9 @@ void render_image_message(const struct render_result *r, const struct render_spe
     out->height = r->height;
     out->format = spec->image_format;
     out->camera = &camera->camera;
+    relight__drawn__init(&camera->drawn);
+    camera->drawn.mesh_hash = (char *)(uintptr_t)r->drawn.mesh;
+    camera->drawn.bake_hash = (char *)(uintptr_t)r->drawn.bake;
+    out->drawn = &camera->drawn;
     out->generation = r->generation;
 }

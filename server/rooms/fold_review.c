@@ -32,6 +32,21 @@ static int check_seen(struct folding *f, const Relight__Scene *scene, const char
     return room_scene_check(scene, f->error);
 }
 
+// A client that says what its picture was made from decides about that alone.
+static int check_drawn(struct folding *f, const Relight__Drawn *drawn,
+                       const Relight__Seen *seen)
+{
+    if (!drawn || (!strcmp(drawn->mesh_hash, seen->mesh_hash) &&
+                   !strcmp(drawn->bake_hash, seen->bake_hash)))
+        return 0;
+    return fold_fail(
+        f, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
+        "the model has %s since the picture was drawn: look at it again, then decide",
+        strcmp(drawn->mesh_hash, seen->mesh_hash) ? "another shape"
+        : *seen->bake_hash                        ? "another bake"
+                                                  : "no bake any more");
+}
+
 // The daemon's record with the numbers that the room gives.
 static Relight__Seen *fill_seen(struct folding *f, const Relight__Seen *from,
                                 const char *picture, const Relight__Revision *revision)
@@ -292,7 +307,7 @@ int fold_decide(struct folding *f)
     Relight__Decision m = RELIGHT__DECISION__INIT;
     char hash[65];
     int code = check_seen(f, scene, in->picture_hash, in->seen);
-    if (code) return code;
+    if (code || (code = check_drawn(f, in->drawn, in->seen))) return code;
     if (strlen(in->note) > ROOM_MAX_TEXT) return too_long(f);
     if (f->state->n_decisions >= ROOM_MAX_DECISIONS)
         return fold_fail(f, RELIGHT__ERROR_CODE__ERROR_LIMIT, "the room has %d decisions",

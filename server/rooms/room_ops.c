@@ -5,6 +5,7 @@
 #include "core/ledger.h"
 #include "net/dispatch.h"
 #include "render/shared/materials.h"
+#include "render/shared/pose_files.h"
 #include "rooms/state.h"
 
 #include <sodium.h>
@@ -45,7 +46,7 @@ static void create(struct request *request, const Relight__RoomAction *action)
     room_release(room);
 }
 
-void op_room_create(struct request *request)
+static void create_room(struct request *request)
 {
     const Relight__RoomCreateRequest *in = MESSAGE(RoomCreateRequest);
     char error[256];
@@ -59,6 +60,11 @@ void op_room_create(struct request *request)
     start.scene = in->scene;
     action.start = &start;
     create(request, &action);
+}
+
+void op_room_create(struct request *request)
+{
+    poses_keep_then(request, create_room);
 }
 
 // ---- ROOM_LIST
@@ -339,9 +345,22 @@ static void edit(struct request *request, struct room *room)
     else room_edit(request, room, action, role);
 }
 
-void op_room_edit(struct request *request)
+static void edit_room(struct request *request)
 {
     with_room(request, MESSAGE(RoomEditRequest)->room, edit);
+}
+
+// The poses of scenes are on the disk before the room names them.
+static void keep_and_edit(struct request *request, struct room *room)
+{
+    if (caller_role(request, room) >= RELIGHT__ROOM_ROLE__ROLE_REVIEWER)
+        poses_keep_then(request, edit_room);
+    else edit(request, room);
+}
+
+void op_room_edit(struct request *request)
+{
+    with_room(request, MESSAGE(RoomEditRequest)->room, keep_and_edit);
 }
 
 // ---- ROOM_PICTURE
@@ -376,7 +395,7 @@ static ProtobufCMessage *image_of(const Relight__Scene *scene, const Relight__Se
     if (seen && seen->engine) shade.engine = seen->engine;
     picture.camera = scene->camera;
     picture.format = in->format == RELIGHT__IMAGE_FORMAT__IMAGE_JPEG
-                         ? RELIGHT__IMAGE_FORMAT__IMAGE_PNG
+                         ? RELIGHT__IMAGE_FORMAT__IMAGE_PNG16
                          : in->format;
     if (in->width) picture.width = in->width;
     if (in->height) picture.height = in->height;

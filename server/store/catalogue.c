@@ -90,6 +90,7 @@ void model_remember(struct model *m)
     cJSON_AddStringToObject(json, "warnings", m->warnings ? m->warnings : "");
     if (m->replaces[0]) cJSON_AddStringToObject(json, "replaces", m->replaces);
     if (m->removed) cJSON_AddBoolToObject(json, "removed", true);
+    if (m->replaced) cJSON_AddStringToObject(json, "successor", m->successor);
     if (m->source) cJSON_AddStringToObject(json, "source", m->source);
     cJSON *aliases = m->alias ? cJSON_AddArrayToObject(json, "aliases") : NULL;
     for (const struct model_alias *a = m->alias; a; a = a->next) {
@@ -224,6 +225,8 @@ static int recall(struct models *models, struct server *server, const char *id)
         snprintf(m->kin, sizeof m->kin, "%s", json_text(json, "kin"));
         m->bake_version = record_version(json, "bake");
         m->removed = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "removed"));
+        snprintf(m->successor, sizeof m->successor, "%s", json_text(json, "successor"));
+        m->replaced = m->successor[0];
         recall_names(m, json);
         recall_files(m, baked ? &bake : NULL, read ? &preview : NULL, baking);
         log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);

@@ -164,6 +164,22 @@ bool holds_has(const struct holds *holds, const char *name)
     return !holds->known || *place(holds->name, name, strlen(name));
 }
 
+unsigned holds_rooms(const struct holds *holds, const char *name, char *ids, size_t n_ids)
+{
+    enum { SHOWN = 3 };
+    unsigned n = 0;
+    size_t at = 0;
+    *ids = 0;
+    for (size_t i = 0; i < BUCKETS; i++)
+        for (const struct entry *e = holds->room[i]; e; e = e->next) {
+            if (!e->names || !holds_among(e->names, name) || n++ >= SHOWN || at >= n_ids)
+                continue;
+            at += (size_t)snprintf(ids + at, n_ids - at, "%s%s", n > 1 ? ", " : "", e->key);
+        }
+    if (n > SHOWN && at < n_ids) snprintf(ids + at, n_ids - at, " and %u more", n - SHOWN);
+    return n;
+}
+
 char *holds_list(const struct holds *holds)
 {
     char *text = NULL;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /* holds.h owns what review rooms need of the disk: ids of models and hashes of uploads, by
  * room. A held file is not removed to make room for others (eviction.h, blob_evict) and not
- * collected in the folder that replicas share: what somebody said about a picture can be drawn
- * again. Rooms say what they need; until all of them have said it everything is held.
+ * collected in the folder that replicas share, and a model goes with its file in --models or by
+ * UNLOAD only where nobody holds it, or by force: what somebody said about a picture can be
+ * drawn again. Rooms say what they need; until all of them have said it everything is held.
  * Thread-safety: loop thread only. */
 #ifndef RELIGHTD_HOLDS_H
 #define RELIGHTD_HOLDS_H
@@ -34,6 +35,8 @@ bool holds_has(const struct holds *holds, const char *name);
  * lines, to free(); NULL: there are none. Without memory some may be missing: holds_list has
  * them. */
 char *holds_take_fresh(struct holds *holds);
+/* The number of rooms that need it, and the ids of the first of them in ids, with commas. */
+unsigned holds_rooms(const struct holds *holds, const char *name, char *ids, size_t n_ids);
 /* Each name once, as lines, to free(); NULL as long as they are not known, or without memory.
  */
 char *holds_list(const struct holds *holds);

@@ -232,13 +232,26 @@ static struct indexed *add_indexed(struct imports *imports, const char *path)
     return x;
 }
 
+// Versions are called by their folders, other files by their own name.
+static void name_model(const char *path, bool version, char name[128])
+{
+    char folders[PATH_MAX];
+    size_t n = (size_t)(base_name(path) - path);
+    snprintf(folders, sizeof folders, "%.*s", (int)(n ? n - 1 : 0), path);
+    name_printable(version ? folders : base_name(path), name, 128);
+}
+
 static void set_copy(struct imports *imports, struct indexed *x, struct import_copy *copy)
 {
+    char name[128];
     if (copy) {
         import_hold(copy);
         copy->paths++;
     }
-    if (x->copy) x->copy->paths--;
+    if (x->copy && !--x->copy->paths && x->copy->present && x->copy->prt) {
+        name_model(x->path, x->version, name);
+        models_replaced(imports->server->models, x->copy, name);
+    }
     import_release(imports, x->copy);
     x->copy = copy;
 }
@@ -256,6 +269,23 @@ static void remove_indexed(struct imports *imports, struct indexed **at)
     free(x);
 }
 
+// Copies of .prt files that rooms need and that are no file's content any more.
+static void write_replaced(struct imports *imports, cJSON *all)
+{
+    struct server *server = imports->server;
+    for (struct model *m = NULL; (m = models_next(server->models, m));) {
+        const struct import_copy *copy = m->copy;
+        if (!copy || !copy->present || copy->paths || !holds_has(server->holds, m->id))
+            continue;
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "replaced", m->name);
+        cJSON_AddStringToObject(one, "hash", copy->hash);
+        cJSON_AddStringToObject(one, "owner", copy->owner);
+        cJSON_AddBoolToObject(one, "prt", copy->prt);
+        cJSON_AddItemToArray(all, one);
+    }
+}
+
 // DATA/imports/index.json: which files the copies are of, so that a restart copies nothing.
 static void write_index(struct imports *imports)
 {
@@ -271,6 +301,7 @@ static void write_index(struct imports *imports)
         cJSON_AddBoolToObject(one, "prt", x->copy->prt);
         cJSON_AddItemToArray(all, one);
     }
+    write_replaced(imports, all);
     snprintf(path, sizeof path, "%s/imports/index.json", imports->server->data);
     file_write(imports->queue, path, cJSON_Print(all));
     cJSON_Delete(all);
@@ -282,28 +313,35 @@ static const char *text_of(const cJSON *json, const char *key)
     return text ? text : "";
 }
 
+static void recall_copy(struct imports *imports, struct import_copy *copy, const cJSON *json,
+                        const struct stat *st)
+{
+    if (copy->present) return;
+    copy->present = true;
+    copy->prt = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "prt"));
+    copy->bytes = (uint64_t)st->st_size;
+    copy->used_ns = (int64_t)st->st_mtim.tv_sec * 1000000000 + st->st_mtim.tv_nsec;
+    snprintf(copy->owner, sizeof copy->owner, "%s",
+             text_of(json, "owner")[0] ? text_of(json, "owner") : DISK_NOBODY);
+    disk_charge(imports->server->ledger, copy->owner, (int64_t)disk_size(copy->bytes));
+}
+
 static void read_entry(struct imports *imports, const cJSON *json)
 {
     char path[PATH_MAX];
     struct stat st;
-    const char *hash = text_of(json, "hash");
-    if (!relight_hash_valid(hash) || !text_of(json, "path")[0]) return;
+    const char *hash = text_of(json, "hash"), *replaced = text_of(json, "replaced");
+    if (!relight_hash_valid(hash) || (!text_of(json, "path")[0] && !*replaced)) return;
     import_path(imports, hash, path, sizeof path);
     if (stat(path, &st) || !S_ISREG(st.st_mode)) return;
-    struct indexed *x = add_indexed(imports, text_of(json, "path"));
+    struct indexed *x = *replaced ? NULL : add_indexed(imports, text_of(json, "path"));
     struct import_copy *copy = make_entry(imports, hash);
+    if (copy && (x || *replaced)) recall_copy(imports, copy, json, &st);
+    if (copy && *replaced && copy->prt)
+        models_replaced(imports->server->models, copy, replaced);
     if (x && copy) {
         snprintf(x->stamp, sizeof x->stamp, "%s", text_of(json, "stamp"));
         set_copy(imports, x, copy);
-        if (!copy->present) {
-            copy->present = true;
-            copy->prt = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "prt"));
-            copy->bytes = (uint64_t)st.st_size;
-            copy->used_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec;
-            snprintf(copy->owner, sizeof copy->owner, "%s",
-                     text_of(json, "owner")[0] ? text_of(json, "owner") : DISK_NOBODY);
-            disk_charge(imports->server->ledger, copy->owner, (int64_t)disk_size(copy->bytes));
-        }
     }
     import_release(imports, copy);
 }
@@ -352,14 +390,12 @@ static void tell(struct copying *c, struct import_copy *copy, int code, const ch
     }
 }
 
-// A .prt is a model. Versions are called by their folders, other files by their own name.
+// A .prt is a model.
 static void found(struct imports *imports, struct import_copy *copy, const char *path,
                   bool version)
 {
-    char name[128], folders[PATH_MAX];
-    size_t n = (size_t)(base_name(path) - path);
-    snprintf(folders, sizeof folders, "%.*s", (int)(n ? n - 1 : 0), path);
-    name_printable(version ? folders : base_name(path), name, sizeof name);
+    char name[128];
+    name_model(path, version, name);
     struct model *m = models_found(imports->server->models, copy, name);
     struct version *v = m && version ? versions_get(imports->server->versions, name) : NULL;
     if (v) version_answers(imports->server->versions, v, m);

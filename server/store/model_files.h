@@ -15,10 +15,12 @@ void model_take_out(struct model *model);
 void model_set_name(struct model *model, const char *owner, const char *name);
 /* A copy of a .prt of --models is there: it is a model. NULL when there is no memory. */
 struct model *models_found(struct models *models, struct import_copy *copy, const char *name);
+/* A copy's file is gone or has other content: its model is here for the rooms that need it. */
+void models_replaced(struct models *models, struct import_copy *copy, const char *name);
 /* Its file has this content again. */
 void model_revive(struct model *model);
 /* Forgets models whose file of --models has other content by now or is gone, unless they are in
- * use. */
+ * use or rooms need them. */
 void models_drop_replaced(struct models *models);
 /* name is text, with or without its ending. */
 bool name_matches(const char *name, const char *text);

@@ -416,6 +416,7 @@ void model_supersede(struct model *m, struct model *next)
     log_line(LOG_EVENT, "model id=%s name=\"%s\" is replaced by id=%s", m->id, m->name,
              next->id);
     model_publish(next, RELIGHT__EVENT_KIND__EVENT_MODEL_REPLACED, m->id);
+    if (!m->copy) model_remember(m);
     model_changed(m);
 }
 
@@ -444,7 +445,7 @@ void models_drop_replaced(struct models *models)
         m->pinned = false;
         cache_release(m->pin);
         m->pin = NULL;
-        if (m->users > 1 || keeps_bake(m)) continue;
+        if (m->users > 1 || keeps_bake(m) || holds_has(models->server->holds, m->id)) continue;
         struct import_copy *copy = m->copy;
         bool other = m->replaced;
         if (copy) import_hold(copy);
@@ -454,6 +455,15 @@ void models_drop_replaced(struct models *models)
         if (copy && !copy->users && other) import_evict(models->server->imports, copy);
         import_release(models->server->imports, copy);
     }
+}
+
+void models_replaced(struct models *models, struct import_copy *copy, const char *name)
+{
+    char id[MODEL_ID + 1];
+    id_of_prt(copy->hash, id);
+    if (models_get(models, id) || !holds_has(models->server->holds, id)) return;
+    struct model *m = models_found(models, copy, name);
+    if (m) m->removed = true;
 }
 
 int models_create(struct server *server, struct models **out)

@@ -164,6 +164,9 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       await ann.getByAltText("What the decision is about").waitFor(PATIENCE);
       await ann.getByRole("button", { name: "Approve this picture" }).click();
       await ann.getByText("approved as it is now").waitFor(PATIENCE);
+      // A bake that comes between the look and the click is looked at first.
+      await ann.getByRole("button", { name: "Reject", exact: true }).click();
+      await ann.getByAltText("What the decision is about").waitFor(PATIENCE);
       relight(
         ...["load", "early.obj", "--remote", "--name", "early", "--size-mm", "20"],
         ...["--material", "skin1", "--samples", "1000", "--wait"],
@@ -173,6 +176,12 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
         .waitFor(PATIENCE);
       await ann.getByText(/ΔE₀₀ mean \d/).waitFor(PATIENCE);
       await shot(ann, "room-baked-since");
+      await ann.getByText("has changed: look at it again, then decide").waitFor(PATIENCE);
+      assert.equal(await ann.getByRole("button", { name: "Reject this picture" }).count(), 0);
+      await ann.getByRole("button", { name: "Look again" }).click();
+      await ann.getByAltText("What the decision is about").waitFor(PATIENCE);
+      await ann.getByRole("button", { name: "Reject this picture" }).click();
+      await ann.getByText("rejected as it is now").waitFor(PATIENCE);
       // On a bake of the same shape it has its triangle.
       await ann.evaluate(() => (location.hash = "model=marble.prt&light=constant@0,0"));
       await mode(ann, "mesh");
@@ -185,7 +194,7 @@ export function ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE 
       assert.equal(anchor.state, "same");
       assert.equal(anchor.at.triangle, at.triangle ?? 0);
       // Its picture needs the model: where that is gone the thread says so, and so does the print.
-      relight("unload", "early", "--forget");
+      relight("unload", "early", "--forget", "--force");
       const bob = await enter(ann.url().replace(/#.*/, ""), "Bob");
       await bob.locator(".room-bar").waitFor(PATIENCE);
       await mode(bob, "mesh");

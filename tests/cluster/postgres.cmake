@@ -10,5 +10,5 @@ add_test(NAME replicas_rooms COMMAND ${CMAKE_SOURCE_DIR}/deploy/cluster/with_pos
 set_tests_properties(replicas_rooms PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)
 # Two replicas that remove what nobody uses from their folder, with their rooms in PostgreSQL.
 add_test(NAME room_keep_postgres COMMAND ${CMAKE_SOURCE_DIR}/deploy/cluster/with_postgres
-  /usr/bin/python3 ${CMAKE_SOURCE_DIR}/tests/service/room_keep.py ${CMAKE_BINARY_DIR}/bin replicas)
+  /usr/bin/python3 ${CMAKE_SOURCE_DIR}/tests/service/room_keep.py ${CMAKE_BINARY_DIR}/bin check_replicas)
 set_tests_properties(room_keep_postgres PROPERTIES LABELS cluster SKIP_RETURN_CODE 77)

@@ -227,7 +227,7 @@ def faults(document, d, model, job, name):
     # A deadline that passes, and a model that goes.
     big = "/v1/models/%s/image.exr?env=constant:3,2,1&size=2000x1900&samples=8&deadline_ms=1" % model
     go("/v1/models/{model}/image.{ending}", "GET", big, expect=504)
-    go("/v1/models/{model}", "DELETE", "/v1/models/%s?forget=yes" % model, expect=200)
+    go("/v1/models/{model}", "DELETE", "/v1/models/%s?forget=yes&force=yes" % model, expect=200)
 
 
 def tokens(document, binaries):

@@ -137,7 +137,11 @@ expect 0 room show later
 says 'rejected at revision 1: of the bake'
 expect 0 info later --json
 grep -q '"mesh_hash":"[0-9a-f]\{16\}","bake_hash":"[0-9a-f]\{16\}"' out || fail "the model's hashes: $(cat out)"
-expect 0 unload later --forget
+expect 2 unload later --forget
+says 'later: 1 review room needs it: [0-9a-f]\{32\}'
+expect 2 unload later --force
+says '--force is for --forget'
+expect 0 unload later --forget --force
 expect 0 room show later
 says 'rejected at revision 1: of the bake'
 # The same bake again has the same bytes. A file with another bake of the shape takes its place.

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: MIT
 """What rooms need stays on a disk that is full: a pin on a baked model under an uploaded light is
 drawn with the same bytes after other models and uploads had to make room, an upload and a bake that do
-not fit any more are refused with the rooms as the reason, and once the room is deleted its files go.
+not fit any more are refused with the rooms as the reason, and once the room is deleted its files go. A pin on
+a pose is drawn again after a restart; a model that a room needs is not forgotten but by force, and a file of --models that
+was replaced or removed stays for the pins.
 
-   tests/service/room_keep.py BIN [replicas]      replicas: that of two on one folder alone; RELIGHT_TEST_POSTGRES:
-                                                  their rooms are there"""
+   tests/service/room_keep.py BIN [CHECK…]      CHECK: a function's name, all without one; RELIGHT_TEST_POSTGRES: the
+                                                rooms of check_replicas are there"""
 import contextlib
 import hashlib
 import json
@@ -17,7 +19,8 @@ import time
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, '..', 'unit'))
-from programs import daemon, expect, main, relight  # noqa: E402
+import animated  # noqa: E402
+from programs import daemon, expect, main, prt, relight  # noqa: E402
 
 BALL = ('v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\nf 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\n'
         'f 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n')
@@ -36,9 +39,13 @@ def write_light(name, seed, width=256, height=128):
     return hashlib.sha256(data).hexdigest()
 
 
-def load(name, *options, at=''):
+def write_ball(name):
     with open(name + '.obj', 'w', encoding='utf-8') as f:
         f.write('# %s\n' % name + BALL)
+
+
+def load(name, *options, at=''):
+    write_ball(name)
     relight('load', name + '.obj', '--size-mm', '20', '--material', 'marble', '--samples', '300', '--cube', '16',
             *options, at=at)
 
@@ -75,8 +82,16 @@ def upload(light, status=0):
 
 
 def pin(name):
-    relight('room', 'show', ROOM, PIN, '-o', name)
+    return shown(PIN, name)
+
+
+def shown(number, name):
+    relight('room', 'show', ROOM, str(number), '-o', name)
     return read(name)
+
+
+def make_pin(text):
+    return json.loads(relight('room', 'pin', ROOM, text, '--at', '0,2,0.3,0.2', '--json').stdout)['sequence']
 
 
 def disk_used():
@@ -89,7 +104,7 @@ def set_up():
     with daemon('--data', 'data'):
         load('kept', '--wait')
         relight('room', 'create', ROOM, '--model', 'kept', '--env', 'kept.hdr', '--size', '64x48')
-        PIN = str(json.loads(relight('room', 'pin', ROOM, 'too red', '--at', '0,2,0.3,0.2', '--json').stdout)['sequence'])
+        PIN = str(make_pin('too red'))
         relight('room', 'scene', ROOM, '--env', 'constant')  # the pin's revision alone has the light
         first = pin('first.png')
         upload('spare1.hdr')
@@ -237,9 +252,116 @@ def check_replicas():
         expect(not os.path.exists(shared(spare)), 'what nobody needs stays, the second time')
         for number, light in pins:
             same_by(number, light, 'three-')
+def act(action, status=0):
+    return relight('room', 'act', ROOM, json.dumps(action), status=status).said
+
+
+def at_pose(pose, status=0):
+    model = json.loads(relight('info', 'bar', '--json').stdout)['model']
+    return act({'scene': {'scene': {'model': model, 'pose': pose}, 'parts': ['model']}}, status)
+
+
+def check_poses():
+    """A pin on vertices that a client sent has the same bytes after a restart."""
+    animated.bar().write('bar.gltf')
+    options = ['--data', 'posed']
+    with daemon(*options):
+        relight('load', 'bar.gltf', '--name', 'bar', '--size-mm', '20', '--material', 'skin1', '--preview')
+        relight('room', 'create', ROOM, '--model', 'bar', '--env', 'constant', '--size', '64x48', '--engine', 'texture')
+        pose, other = (relight('pose', 'bar', 'bar.gltf', '--animation', 'bend', '--time', t).stdout.strip()
+                       for t in ('0.5', '1'))
+        said = at_pose('0' * 64, status=1)
+        expect('PUT_POSE' in said, 'a pose that is not there: ' + said)
+        straight = make_pin('straight')
+        at_pose(pose)
+        bent = make_pin('bent')
+        first = [shown(straight, 'straight.png'), shown(bent, 'bent.png')]
+        expect(first[0] != first[1], 'the pose is not drawn')
+        expect(os.path.exists('posed/blobs/' + pose), 'the pose is not on the disk')
+        expect(not os.path.exists('posed/blobs/' + other), 'a pose that no room names is on the disk')
+    with daemon(*options):
+        expect(shown(bent, 'again.png') == first[1], 'other bytes of the posed pin after a restart')
+        expect(shown(straight, 'again.png') == first[0], 'other bytes of the straight pin after a restart')
+        relight('image', 'bar', '--env', 'constant', '--size', '32x24', '--engine', 'texture', '--pose', pose, '-o', 'p.png')
+        said = relight('image', 'bar', '--env', 'constant', '--pose', other, '-o', 'p.png', status=1).said
+        expect('send it again' in said, 'a pose that nobody kept: ' + said)
+        load('ball', '--preview')
+        said = relight('image', 'ball', '--env', 'constant', '--engine', 'texture', '--pose', pose, '-o', 'p.png',
+                       status=2).said
+        expect('it is of another model' in said, 'the pose of another model: ' + said)
+        relight('load', 'bar.gltf', '--name', 'waxen', '--size-mm', '20', '--material', 'ketchup', '--preview')
+        relight('image', 'waxen', '--env', 'constant', '--size', '32x24', '--engine', 'texture', '--pose', pose, '-o', 'p.png')
+    with open('posed/blobs/' + pose, 'r+b') as f:
+        f.seek(40)
+        f.write(b'damaged')
+    with daemon(*options):
+        said = relight('room', 'show', ROOM, str(bent), '-o', 'bad.png', status=1).said
+        expect('pose' in said, 'a damaged pose: ' + said)
+        wait_for_log('could not be read: its file is damaged')
+        expect(shown(straight, 'again.png') == first[0], 'other bytes beside a damaged pose')
+
+
+def check_forget():
+    """A model that a room needs is forgotten by force alone."""
+    with daemon('--data', 'forgotten'):
+        load('kept', '--wait')
+        relight('room', 'create', ROOM, '--model', 'kept', '--env', 'constant', '--size', '64x48')
+        number = make_pin('too red')
+        first = shown(number, 'first.png')
+        room = json.loads(relight('room', 'list', '--json').stdout)[0]['room']
+        said = relight('unload', 'kept', '--forget', status=2).said
+        expect('1 review room needs it: ' + room in said and '--force' in said, 'the refusal: ' + said)
+        relight('unload', 'kept')  # from memory alone
+        expect(shown(number, 'again.png') == first, 'other bytes after a refusal')
+        token = relight('token', 'create', '--name', 'anna', '--scope', 'view,edit,upload').stdout.split()[0]
+        os.environ['RELIGHT_TOKEN'] = token
+        said = relight('unload', 'kept', '--forget', '--force', status=1).said
+        del os.environ['RELIGHT_TOKEN']
+        expect('admin' in said, 'force without the right: ' + said)
+        relight('unload', 'kept', '--forget', '--force')
+        expect(relight('room', 'show', ROOM, str(number), '-o', 'x.png', status=1).said, 'it is there')
+
+
+def bake(name, material):
+    prt('bake', 'kept.obj', '--size-mm', '20', '--material', material, '--samples', '300', '--cube', '16', '-o', name,
+        '--quiet')
+
+
+def check_replaced():
+    """Pins on a file of --models that has other content now, or is gone."""
+    os.mkdir('models')
+    write_ball('kept')
+    bake('models/flat.prt', 'marble')
+    options = ['--data', 'replaced', '--models', 'models', '--poll', '0.2']
+    with daemon(*options):
+        relight('room', 'create', ROOM, '--model', 'flat', '--env', 'constant', '--size', '64x48')
+        marble = make_pin('marble')
+        first = shown(marble, 'first.png')
+        bake('next.prt', 'ketchup')
+        os.rename('next.prt', 'models/flat.prt')
+        wait_for_log('is replaced by')
+        relight('room', 'scene', ROOM, '--model', 'flat')
+        ketchup = make_pin('ketchup')
+        second = shown(ketchup, 'second.png')
+        expect(first != second, 'the name stands for the old file')
+        time.sleep(1)  # some scans
+        expect(shown(marble, 'again.png') == first, 'other bytes after the file was replaced')
+    os.remove('models/flat.prt')
+    for start in ('first', 'second'):
+        with daemon(*options):
+            time.sleep(1)
+            expect(shown(marble, 'again.png') == first, 'replaced: other bytes after the %s start' % start)
+            expect(shown(ketchup, 'again.png') == second, 'removed: other bytes after the %s start' % start)
+            said = relight('info', 'flat', status=1).said
+            expect('no such model' in said, 'the name of a file that is gone: ' + said)
+    with daemon(*options, '--rooms-keep', '0.001'):
+        relight('room', 'close', ROOM)
+        wait_for_log('deleted=closed')
+        wait_for_log('has no file any more')
 
 
 ROOM = 'a full disk'
 PIN = ''
 NAMES = ('kept', 'spare', 'removed')
-main(*([check_replicas] if 'replicas' in sys.argv[2:] else [check, check_shared_folder, check_replicas]))
+main(*([globals()[n] for n in sys.argv[2:]] or
+       [check, check_shared_folder, check_replicas, check_poses, check_forget, check_replaced]))

@@ -20,7 +20,7 @@ sub slurp { open my $f, '<:encoding(UTF-8)', $_[0] or die "$_[0]: $!\n"; local $
 sub fail { print "error: $_[0]\n"; $bad++ }
 
 # Words of comments that look like keys and are formats, instruction sets or standards.
-my %word = map { $_ => 1 } qw(AMD64 B44 C11 C17 D65 DX10 EGSR07 F16 F32 F64 I16 I32 I64 M68 PCG32 R16
+my %word = map { $_ => 1 } qw(AMD64 B44 C11 C17 D65 DX10 EGSR07 F16 F32 F64 I16 I32 I64 M68 PCG32 PNG16 R16
     RGB10 RGBA16 RGBA32 U16 U32 U64 UTF16 X86);
 
 # ---- what METHODS.md offers

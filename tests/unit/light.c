@@ -382,6 +382,7 @@ static void png_and_jpeg_are_linearised(void **state)
 {
     enum { W = 64, H = 32 };
     static uint8_t rgb[W * H * 3], rgba[W * H * 4];
+    static uint16_t fine[W * H * 3];
     for (int y = 0; y < H; y++)
         for (int x = 0; x < W; x++) {
             const uint8_t p[3] = {(uint8_t)(4 * x), (uint8_t)(8 * y), (uint8_t)(2 * x + 3 * y)};
@@ -389,11 +390,13 @@ static void png_and_jpeg_are_linearised(void **state)
             memcpy(rgba + (y * W + x) * 4, p, 3);
             rgba[(y * W + x) * 4 + 3] = 255;
         }
-    struct prt_blob blob[3];
+    for (int i = 0; i < W * H * 3; i++) fine[i] = (uint16_t)(257 * rgb[i]);
+    struct prt_blob blob[4];
+    assert_int_equal(prt_encode_png16(&ctx, fine, W, H, 3, &blob[3]), 0);
     assert_int_equal(prt_encode_png(&ctx, rgb, W, H, 3, &blob[0]), 0);
     assert_int_equal(prt_encode_png(&ctx, rgba, W, H, 4, &blob[1]), 0);
     assert_int_equal(prt_encode_jpeg(&ctx, rgb, W, H, 98, &blob[2]), 0);
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 4; k++) {
         struct prt_env *env = NULL;
         const char *name = k == 2 ? "blob.jpg" : "no-extension";
         assert_int_equal(prt_env_load_memory(&ctx, name, blob[k].bytes, blob[k].size, &env), 0);
@@ -406,6 +409,7 @@ static void png_and_jpeg_are_linearised(void **state)
         prt_free(blob[k].bytes);
     }
     assert_int_equal(prt_encode_png(&ctx, rgb, 0, H, 3, &blob[0]), PRT_ARG);
+    assert_int_equal(prt_encode_png16(&ctx, fine, W, 0, 3, &blob[0]), PRT_ARG);
     assert_int_equal(prt_encode_png(&ctx, rgb, W, H, 2, &blob[0]), PRT_ARG);
     assert_int_equal(prt_encode_jpeg(&ctx, rgb, W, H, 101, &blob[0]), PRT_ARG);
 }

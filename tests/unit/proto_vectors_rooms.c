@@ -93,6 +93,31 @@ static unsigned add_edit(struct vector *out, unsigned n)
                            "S: ROOM_EDIT, once it is on the disk", &done.base);
 }
 
+// A decision about a picture that was made from this bake.
+static unsigned add_decide(struct vector *out, unsigned n)
+{
+    static Relight__RoomEditRequest ask;
+    static Relight__RoomAction action;
+    static Relight__Decide decide;
+    static Relight__Drawn drawn;
+    relight__room_edit_request__init(&ask);
+    relight__room_action__init(&action);
+    relight__decide__init(&decide);
+    relight__drawn__init(&drawn);
+    drawn.mesh_hash = "00112233445566aa";
+    drawn.bake_hash = "8899aabbccddeeff";
+    decide.approve = true;
+    decide.note = "as agreed";
+    decide.scene = small_scene();
+    decide.drawn = &drawn;
+    action.decide = &decide;
+    ask.room = room;
+    ask.action = &action;
+    ask.name = "Ann";
+    return vector_add(out, n, "room_decide", "C: ROOM_EDIT: a decision about this bake alone",
+                      31, LAST, 37, &ask.base, NULL, 0);
+}
+
 // The events after the first: that edit alone.
 static unsigned add_get(struct vector *out, unsigned n)
 {
@@ -203,6 +228,7 @@ unsigned vectors_add_rooms(struct vector *out, unsigned n)
     n = add_create(out, n);
     n = add_list(out, n);
     n = add_edit(out, n);
+    n = add_decide(out, n);
     n = add_get(out, n);
     n = add_rest(out, n);
     return add_info(out, n);

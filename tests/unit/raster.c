@@ -736,12 +736,15 @@ static void tone_curves(void **state)
 {
     static float ramp[3 * 4096];
     static uint8_t got[3 * 4096];
+    static uint16_t fine[3 * 4096];
     struct prt_image image = {4096, 1, ramp};
     for (int tone = 0; tone < 3; tone++) {
         float top = tone == PRT_TONE_NONE ? 1 : 30;
         for (int i = 0; i < 3 * 4096; i++)
             ramp[i] = top * (float)(i * i) / (3 * 4096.0f * 3 * 4096);
         assert_int_equal(prt_tone_map(&quiet, &image, (enum prt_tone)tone, 0, got), PRT_OK);
+        assert_int_equal(prt_tone_map_fine(&quiet, &image, (enum prt_tone)tone, 0, fine),
+                         PRT_OK);
         for (int i = 0; i < 3 * 4096; i++) {
             double x = ramp[i], y = x;
             if (tone == PRT_TONE_FILMIC) y = x * (x + 0.06) / (x * (x + 0.62) + 0.09);
@@ -749,6 +752,8 @@ static void tone_curves(void **state)
             y = y <= 0.0031308 ? 12.92 * y : 1.055 * pow(y, 1 / 2.4) - 0.055;
             if (!(fabs(255 * y - got[i]) < 0.65))
                 fail_msg("tone %d: %g is %d, not %g", tone, x, got[i], 255 * y);
+            if (!(fabs(255 * y - fine[i] / 257.0) < 0.25) || (fine[i] + 128) / 257 != got[i])
+                fail_msg("tone %d: %g is %g, not %g", tone, x, fine[i] / 257.0, 255 * y);
         }
     }
 }

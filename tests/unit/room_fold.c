@@ -401,6 +401,18 @@ static void notes_and_revisions(void **unused)
     a.seen.bake_hash = "0011223344556678";
     assert_int_equal(act(&t, ANN, 2, &decide), 0);
     assert_string_not_equal(t.state->decisions[0]->hash, t.state->decisions[1]->hash);
+    // It is refused where the picture was made from another file.
+    Relight__Drawn drawn = RELIGHT__DRAWN__INIT;
+    a.decide.drawn = &drawn;
+    drawn.mesh_hash = a.seen.mesh_hash;
+    drawn.bake_hash = "0011223344556677";
+    assert_int_equal(act(&t, ANN, 2, &decide), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    drawn.bake_hash = a.seen.bake_hash;
+    assert_int_equal(act(&t, ANN, 2, &decide), 0);
+    drawn.mesh_hash = "8899aabbccddeeff";
+    assert_int_equal(act(&t, ANN, 2, &decide), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    a.decide.drawn = NULL;
+    assert_int_equal(t.state->n_decisions, 3);
     // Numbers that are none, and points beside their triangle.
     a.point[0].b1 = 0.9f;
     a.point[0].b2 = 0.9f;

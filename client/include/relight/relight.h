@@ -609,12 +609,18 @@ int relight_put_animation(struct relight_client *client, const char *model, cons
                           const char *animation, double time_s, bool up_z, char pose[65],
                           struct relight_error *error);
 
+/* What goes besides the memory. */
+enum relight_forget {
+    RELIGHT_KEEP_BAKE,
+    RELIGHT_FORGET,     /* its bake and its entry in the catalogue go, too */
+    RELIGHT_FORGET_HELD /* the same where review rooms need it */
+};
 /* Takes a model out of the daemon's memory.
- * forget: its bake and its entry in the catalogue, too.
  * Returns 0 and the bytes that became free in *freed_bytes (NULL is allowed).
- * -RELIGHT_E_NOT_FOUND.
+ * -RELIGHT_E_NOT_FOUND. -RELIGHT_E_MISMATCH: it is to be forgotten, and review rooms need it.
+ * -RELIGHT_E_FORBIDDEN: RELIGHT_FORGET_HELD without the scope admin.
  * Thread-safety: Safe. Blocks for a round trip. */
-int relight_unload(struct relight_client *client, const char *model, bool forget,
+int relight_unload(struct relight_client *client, const char *model, enum relight_forget forget,
                    uint64_t *freed_bytes, struct relight_error *error);
 
 /* Relighting. */
@@ -651,7 +657,8 @@ enum relight_color_format {
     X(EXR, 2, "exr")                 \
     X(RGB8, 3, "")                   \
     X(EXR_FLOAT, 4, "")              \
-    X(F16, 5, "")
+    X(F16, 5, "")                    \
+    X(PNG16, 6, "")
 enum relight_image_format {
 #define RELIGHT_X(name, number, ending) RELIGHT_IMAGE_##name = number,
     RELIGHT_IMAGE_FORMAT_LIST(RELIGHT_X)
@@ -910,6 +917,9 @@ struct relight_image {
     struct relight_camera camera; /* used */
     uint64_t generation, n_byte;
     const void *data; /* encoded file, or raw pixels */
+    /* Of the file that the picture was made from, as in struct relight_model; "": not known. A
+     * decision that has them as `drawn` is refused once the model has another file. */
+    const char *mesh_hash, *bake_hash;
     struct relight_cost cost;
     void *owner;
 };
@@ -1262,7 +1272,7 @@ const char *relight_room_author(void);
 struct relight_room_view {
     uint64_t pin, decision;
     uint32_t revision, width, height; /* width, height: 0: as it was seen */
-    enum relight_image_format format; /* JPEG stands for PNG */
+    enum relight_image_format format; /* JPEG stands for PNG16 */
 };
 /* Draws a scene that the room keeps. Of a pin or a decision the same build of the daemon gives
  * the same bytes. Returns 0 and *out, to be freed by relight_image_finish.

@@ -303,9 +303,9 @@ class Client:
             if frame.last:
                 return
 
-    def unload(self, model: str, forget: bool = False) -> None:
-        """Frees a model's memory; forget: its bake, too."""
-        self._call("UNLOAD", message("UnloadRequest", model=model, forget=forget))
+    def unload(self, model: str, forget: bool = False, force: bool = False) -> None:
+        """Frees a model's memory; forget: its bake, too; force: also where review rooms need it."""
+        self._call("UNLOAD", message("UnloadRequest", model=model, forget=forget, force=force))
 
     def geometry(self, model: str, own_units: bool = False) -> Geometry:
         """Positions, normals and triangles, in the order of colours."""

@@ -150,6 +150,9 @@ int prt_encode_hdr(const struct prt_context *ctx, const struct prt_image *image,
  * PRT_NOMEM; out->bytes is NULL then. */
 int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
                    uint32_t height, unsigned n_channel, struct prt_blob *out);
+/* The same with 16 bits a channel. */
+int prt_encode_png16(const struct prt_context *ctx, const uint16_t *pixels, uint32_t width,
+                     uint32_t height, unsigned n_channel, struct prt_blob *out);
 /* rgb8 [height][width][3], quality 1..100, 4:4:4 chroma from 90. Equal images give equal files
  * for any number of threads; uses ctx->pool. Statuses as prt_encode_png, and PRT_INTERNAL. */
 int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,

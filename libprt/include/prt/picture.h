@@ -17,6 +17,7 @@ struct prt_picture_options {
     float exposure_ev;  /* stops, 8-bit formats */
     int quality;        /* JPEG, 1..100 */
     bool full_float;    /* OpenEXR: 32-bit channels instead of 16-bit */
+    bool fine;          /* PNG: prt_tone_map_fine() in 16-bit channels instead of 8-bit */
 };
 
 struct prt_picture_format {

@@ -120,6 +120,13 @@ static void file_opened(struct cache_job *job)
         return;
     }
     bool moved = own->pose && own->pose->n == s->mesh.n_vertex;
+    if (own->pose && own->pose->name[0] && !moved) { // it was read from the disk
+        snprintf(job->work.error, sizeof job->work.error,
+                 "the pose has %u vertices, the model has %u: it is of another model",
+                 own->pose->n, s->mesh.n_vertex);
+        cache_job_complete(job, PRT_MISMATCH);
+        return;
+    }
     if (moved && !set_pose(s, own->pose)) {
         cache_job_complete(job, PRT_NOMEM);
         return;

@@ -13,8 +13,9 @@ static const uint64_t first_generation = UINT64_C(1) << 32;
 
 struct named_pose {
     struct named_pose *older, *newer;
-    struct pose *pose;         // held
-    char model[MODEL_ID + 12]; // its key
+    struct pose *pose; // held
+    char
+        model[MODEL_ID + 12]; // its key; "": it was read from the disk, for the first that asks
 };
 
 struct poses {
@@ -79,6 +80,14 @@ void poses_forget(struct poses *poses, const struct model *model)
     }
 }
 
+// The models that have it: each holds a reference.
+static unsigned n_models(const struct poses *poses, const struct pose *pose)
+{
+    unsigned n = 0;
+    for (const struct named_pose *p = poses->oldest; p; p = p->newer) n += p->pose == pose;
+    return n;
+}
+
 // The least recently used pose that nothing draws, of this principal (NULL: of any). False
 // where there is none.
 static bool evict(struct poses *poses, const struct principal *of)
@@ -86,7 +95,7 @@ static bool evict(struct poses *poses, const struct principal *of)
     for (struct named_pose *p = poses->oldest; p; p = p->newer) {
         if (of && p->pose->principal != of) continue;
         forget_results(poses, p); // shapes of the cache hold it, too
-        if (p->pose->refs > 1) continue;
+        if (p->pose->refs > 1 && p->pose->refs > n_models(poses, p->pose)) continue;
         remove_pose(poses, p);
         return true;
     }
@@ -101,6 +110,13 @@ static struct named_pose *find(const struct poses *poses, const struct model *mo
     return p;
 }
 
+const struct pose *poses_known(const struct poses *poses, const char *name)
+{
+    const struct named_pose *p = poses->newest;
+    while (p && strcmp(p->pose->name, name)) p = p->older;
+    return p ? p->pose : NULL;
+}
+
 static struct pose *use(struct poses *poses, struct named_pose *p)
 {
     unlink_pose(poses, p);
@@ -109,11 +125,28 @@ static struct pose *use(struct poses *poses, struct named_pose *p)
     return p->pose;
 }
 
+// One that rooms keep is any model's that asks for it: which has its vertices, the shape says.
+static struct named_pose *find_kept(struct poses *poses, const struct model *model,
+                                    const char *name)
+{
+    struct named_pose *p = poses->newest, *own = NULL;
+    while (p && strcmp(p->pose->name, name)) p = p->older;
+    if (!p || !blobs_has(poses->server->blobs, name)) return NULL;
+    if (!*p->model) own = p;
+    else if ((own = calloc(1, sizeof *own))) {
+        own->pose = p->pose;
+        own->pose->refs++;
+        link_newest(poses, own);
+    }
+    if (own) snprintf(own->model, sizeof own->model, "%s", model->key);
+    return own;
+}
+
 struct pose *poses_find(struct poses *poses, const struct model *model, const char *name,
                         int *code, char error[256])
 {
     struct named_pose *p = find(poses, model, name);
-    if (p) return use(poses, p);
+    if (p || (p = find_kept(poses, model, name))) return use(poses, p);
     *code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
     if (!relight_hash_valid(name)) {
         *code = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
@@ -145,15 +178,11 @@ static int charge(struct poses *poses, struct pose *pose, struct principal *prin
     return 0;
 }
 
-int poses_add(struct poses *poses, struct model *model, struct pose *pose,
-              struct principal *principal, struct pose **out, char error[256])
+// Takes over the pose, with its name.
+static int add(struct poses *poses, const char *model, struct pose *pose,
+               struct principal *principal, char error[256])
 {
-    struct named_pose *p = find(poses, model, pose->name);
-    if (p) {
-        pose_release(pose);
-        *out = use(poses, p);
-        return 0;
-    }
+    struct named_pose *p = NULL;
     int code = charge(poses, pose, principal, error);
     if (!code && !(p = calloc(1, sizeof *p))) {
         code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
@@ -165,9 +194,31 @@ int poses_add(struct poses *poses, struct model *model, struct pose *pose,
     }
     pose->generation = first_generation + ++poses->last;
     p->pose = pose;
-    snprintf(p->model, sizeof p->model, "%s", model->key);
+    snprintf(p->model, sizeof p->model, "%s", model);
     link_newest(poses, p);
+    return 0;
+}
+
+int poses_add(struct poses *poses, struct model *model, struct pose *pose,
+              struct principal *principal, struct pose **out, char error[256])
+{
+    struct named_pose *p = find(poses, model, pose->name);
+    if (p) {
+        pose_release(pose);
+        *out = use(poses, p);
+        return 0;
+    }
+    int code = add(poses, model->key, pose, principal, error);
+    if (code) return code;
     pose->refs++;
     *out = pose;
+    return 0;
+}
+
+int poses_restore(struct poses *poses, struct pose *pose, struct principal *principal,
+                  char error[256])
+{
+    if (!poses_known(poses, pose->name)) return add(poses, "", pose, principal, error);
+    pose_release(pose);
     return 0;
 }

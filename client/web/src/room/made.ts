@@ -29,6 +29,9 @@ async function ask(model: string): Promise<void> {
   if (mine === turn) made.value = answer;
 }
 
+/** Asks the daemon again. */
+export const lookAgain = () => ask(wanted.value);
+
 // The end of a bake changes the list of models, and what the viewer knows of its own.
 effect(() => {
   void [info.value, models.value];

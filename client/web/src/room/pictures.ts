@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Pictures that the daemon draws of scenes that a room keeps: the same bytes whenever they are
 // drawn again by the same build.
-import { ImageAnswerSchema, ImageFormat, RoomPictureRequestSchema } from "../gen/relight_pb";
+import { ImageAnswerSchema, RoomPictureRequestSchema, type Drawn } from "../gen/relight_pb";
 import { difference, type Difference } from "../scene/color-difference";
 import { Type } from "../protocol/frame";
 import { client } from "../ui/store";
@@ -21,27 +21,36 @@ export interface Size {
 const SMALL = { width: 480, height: 360 };
 const MOST = 60; // pictures that are kept here
 
-const pictures = new Map<string, Promise<Uint8Array>>();
+/** A PNG file, and what it was made from; missing: the daemon does not say it. */
+export interface Drawing {
+  png: Uint8Array;
+  drawn: Drawn | undefined;
+}
+const pictures = new Map<string, Promise<Drawing>>();
 
-function ask(what: Kept, size: Size): Promise<Uint8Array> {
+function ask(what: Kept, size: Size): Promise<Drawing> {
   return client
     .request(
       Type.RoomPicture,
       RoomPictureRequestSchema,
-      { room: roomId.value, ...what, format: ImageFormat.IMAGE_PNG, ...size },
+      { room: roomId.value, ...what, ...size },
       ImageAnswerSchema,
     )
-    .then(({ payload }) => payload);
+    .then(({ message, payload }) => ({ png: payload, drawn: message.drawn }));
 }
 /** Equal as long as the room's scene as it is gives the same picture. */
 export const presentKey = () => `${String(state.value?.sequence ?? "")} ${madeKey.value}`;
-/** The PNG file of a scene. */
-export function pngOf(what: Kept, size: Size = SMALL): Promise<Uint8Array> {
+const NOW = "now ";
+/** Pictures of the room's scene as it is are asked for again. */
+export function forgetPresent(): void {
+  for (const key of pictures.keys()) if (key.includes(`/${NOW}`)) pictures.delete(key);
+}
+export function drawingOf(what: Kept, size: Size = SMALL): Promise<Drawing> {
   const isNow = !what.pin && !what.decision && !what.revision;
   const { pin = "", decision = "", revision = "" } = what;
   const key = [
     roomId.value,
-    isNow ? `now ${presentKey()}` : "",
+    isNow ? `${NOW}${presentKey()}` : "",
     ...[pin, decision, revision].map(String),
     size.width,
     size.height,
@@ -67,7 +76,7 @@ function dataUrl(png: Uint8Array): Promise<string> {
 }
 /** A data: address. */
 export async function pictureOf(what: Kept, size?: Size): Promise<string> {
-  return dataUrl(await pngOf(what, size));
+  return dataUrl((await drawingOf(what, size)).png);
 }
 
 /** SHA-256 in hex; empty where the browser cannot hash (no secure context). */
@@ -79,7 +88,7 @@ export async function hashOf(bytes: Uint8Array): Promise<string> {
 }
 
 async function pixelsOf(what: Kept, size: Size): Promise<ImageData> {
-  const png = await pngOf(what, size);
+  const { png } = await drawingOf(what, size);
   const bitmap = await createImageBitmap(new Blob([png.slice()], { type: "image/png" }));
   const canvas = document.createElement("canvas");
   canvas.width = bitmap.width;

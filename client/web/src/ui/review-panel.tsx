@@ -2,13 +2,20 @@
 // What is said in a room: pins with their threads, decisions, revisions, and all of it on paper.
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { RoomRole, type Decision, type Note, type Pin, type Stroke } from "../gen/relight_pb";
+import {
+  RoomRole,
+  type Decision,
+  type Note,
+  type Pin,
+  type Scene,
+  type Stroke,
+} from "../gen/relight_pb";
 import { anchors } from "../room/anchored";
 import { anchorText } from "../room/anchor";
 import { act, edit } from "../room/edits";
 import { alone, isNew, markRead, mayReview, role, state, watched } from "../room/here";
-import { made, madeKey } from "../room/made";
-import { hashOf, pngOf } from "../room/pictures";
+import { lookAgain, made, madeKey } from "../room/made";
+import { drawingOf, forgetPresent, hashOf, type Drawing } from "../room/pictures";
 import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
@@ -301,30 +308,48 @@ function DecisionRow({ one, now, last }: { one: Decision; now: number; last: boo
   );
 }
 
-/** A decision is about the room's scene and the picture of it that the person sees here. */
+// What a person was shown and asked about.
+interface Asked {
+  approve: boolean;
+  scene: Scene;
+  made: string;
+  picture: Promise<Drawing>;
+}
+const isStale = (asked: Asked) =>
+  asked.made !== madeKey.value || !sameJson(asked.scene, state.value?.scene);
+
+/** A decision is about the room's scene and the picture of it that the person sees here: the daemon
+ * refuses it where the model has another bake by then. */
 function Decide() {
   const note = useSignal("");
-  const about = useSignal<boolean | null>(null); // approve or reject; null: nothing is asked
+  const about = useSignal<Asked | null>(null); // null: nothing is asked
   const ask = (approve: boolean) => {
     putDown();
-    about.value = approve;
-  };
-  const decide = async (approve: boolean) => {
     const scene = state.value?.scene;
     if (!scene) return;
-    const bake = madeKey.value;
-    const pictureHash = await hashOf(await pngOf({}, PICTURE));
-    if (!sameJson(scene, state.value?.scene) || bake !== madeKey.value)
-      throw new Error("the scene has changed meanwhile: look at it again, then decide");
-    await edit({ decide: { approve, note: note.value.trim(), scene, pictureHash } });
-    note.value = "";
+    const picture = drawingOf({}, PICTURE);
+    picture.catch(() => undefined); // Picture says why
+    about.value = { approve, scene, made: madeKey.value, picture };
+  };
+  const decide = async ({ approve, scene, picture }: Asked) => {
+    const { png, drawn } = await picture;
+    const pictureHash = await hashOf(png);
     about.value = null;
+    try {
+      await edit({ decide: { approve, note: note.value.trim(), scene, pictureHash, drawn } });
+    } catch (error) {
+      forgetPresent();
+      await lookAgain();
+      throw error;
+    }
+    note.value = "";
   };
   if (alone.value)
     return <p class="hint">You look around alone. Go back to all to decide about it.</p>;
   if (watched.value)
     return <p class="hint">You see another’s own scene. Stop following to decide.</p>;
-  const word = about.value ? "Approve" : "Reject";
+  const asked = about.value;
+  const word = asked?.approve ? "Approve" : "Reject";
   return (
     <form class="decide" onSubmit={(event) => event.preventDefault()}>
       <input
@@ -333,7 +358,7 @@ function Decide() {
         value={note.value}
         onInput={(event) => (note.value = event.currentTarget.value)}
       />
-      {about.value === null ? (
+      {asked === null ? (
         <div class="row">
           <button type="button" class="primary" onClick={() => ask(true)}>
             Approve
@@ -344,15 +369,27 @@ function Decide() {
         </div>
       ) : (
         <>
-          <Picture what={{}} alt="What the decision is about" size={PICTURE} />
+          {isStale(asked) ? (
+            <p class="warning" role="status">
+              The scene or its model has changed: look at it again, then decide.
+            </p>
+          ) : (
+            <Picture what={{}} alt="What the decision is about" size={PICTURE} />
+          )}
           <div class="row">
-            <button
-              type="button"
-              class="primary"
-              onClick={() => void decide(about.value === true).catch(fault)}
-            >
-              {word} this picture
-            </button>
+            {isStale(asked) ? (
+              <button type="button" class="primary" onClick={() => ask(asked.approve)}>
+                Look again
+              </button>
+            ) : (
+              <button
+                type="button"
+                class="primary"
+                onClick={() => void decide(asked).catch(fault)}
+              >
+                {word} this picture
+              </button>
+            )}
             <button type="button" class="quiet" onClick={() => (about.value = null)}>
               Cancel
             </button>
