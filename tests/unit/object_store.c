@@ -512,7 +512,7 @@ static char put_file[128], put_hash[65];
 
 static void another_puts_it(void)
 {
-    char path[200];
+    char path[256];
     struct timespec old[2] = {{1000000000, 0}, {1000000000, 0}};
     assert_int_equal(object_put(first_store, OBJECT_BLOB, put_hash, put_file), 0);
     snprintf(path, sizeof path, "%s/blobs/%.2s/%s", shared, put_hash, put_hash);
@@ -523,7 +523,7 @@ static void another_puts_it(void)
 // which the collection goes.
 static void a_blob_that_is_there_is_used(void **state)
 {
-    char path[200];
+    char path[256];
     struct stat st;
     first_store = open_store();
     struct object_store *late = open_store();
