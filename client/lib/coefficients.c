@@ -296,7 +296,8 @@ int relight_coefficients_colors(const struct relight_factors *factors,
                                   "coefficients lack what leaves block %zu", i);
         for (uint64_t k = 3 * begin; k < 3 * end && end <= factors->n_vertex; k++) {
             const float sum = out[k] + (block[i].translucent ? single[k] : 0);
-            out[k] = fmaxf(0, outgoing.mean * sum) * block[i].gain[k % 3];
+            out[k] = fmaxf(0, outgoing.mean * sum);
+            if (!block[i].translucent) out[k] *= block[i].gain[k % 3];
         }
     }
     free(single);

@@ -325,6 +325,22 @@ def same_bytes(front):
     return abs(len(one) - len(other)) + sum(x != y for x, y in zip(one, other))
 
 
+def traced(port):
+    """The id that the proxy gives a LOAD, and the lines of the replicas' logs that have it."""
+    c = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    with open(FOLDER + "/ball.obj", "rb") as f:
+        c.request("POST", "/v1/models?name=traced&size_mm=9&samples=300&cube=16&single_points=2", f.read())
+    answer = c.getresponse()
+    number, model = answer.getheader("x-request-id"), json.loads(answer.read())["model"]
+    c.close()
+    until(60, lambda: json.loads(ask(port, "/v1/models/%s" % model)[1])["state"] == "ready")
+    lines = []
+    for k in (1, 2):
+        with open("%s/replica%d.log" % (FOLDER, k), encoding="utf-8") as f:
+            lines += [line for line in f if "request=%s " % number in line]
+    return number, lines
+
+
 def account(clients, marks, what):
     """What each client saw since its mark."""
     worst = 0.0
@@ -366,6 +382,11 @@ def main():
             with relight.Client(r.socket) as c:
                 c.colors(model, "constant")
         hold("either replica answers for it", True)
+
+        number, lines = traced(web)
+        hold("the proxy's id of a request, %s, is in the replica's line" % number,
+             any("path=/v1/models" in line for line in lines))
+        hold("and in its bake's", any("job id=" in line for line in lines))
 
         code, out, err = command(front, "room", "create", "review", "--model", model, "--env", "constant",
                                  "--size", "96x64")
