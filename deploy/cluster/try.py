@@ -325,20 +325,31 @@ def same_bytes(front):
     return abs(len(one) - len(other)) + sum(x != y for x, y in zip(one, other))
 
 
+def lines_of(number):
+    """The lines of the replicas' logs about a request."""
+    lines = []
+    for k in (1, 2):
+        with open("%s/replica%d.log" % (FOLDER, k), encoding="utf-8") as f:
+            lines += [line for line in f if "request=%s " % number in line]
+    return lines
+
+
 def traced(port):
-    """The id that the proxy gives a LOAD, and the lines of the replicas' logs that have it."""
+    """Follows the ids that the proxy gives a LOAD, whose bake's lines have it, and a request that is refused."""
     c = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     with open(FOLDER + "/ball.obj", "rb") as f:
         c.request("POST", "/v1/models?name=traced&size_mm=9&samples=300&cube=16&single_points=2", f.read())
     answer = c.getresponse()
     number, model = answer.getheader("x-request-id"), json.loads(answer.read())["model"]
+    c.request("GET", "/v1/models/nope")
+    answer = c.getresponse()
+    refused, said = answer.getheader("x-request-id"), json.loads(answer.read())["request_id"]
     c.close()
     until(60, lambda: json.loads(ask(port, "/v1/models/%s" % model)[1])["state"] == "ready")
-    lines = []
-    for k in (1, 2):
-        with open("%s/replica%d.log" % (FOLDER, k), encoding="utf-8") as f:
-            lines += [line for line in f if "request=%s " % number in line]
-    return number, lines
+    hold("the id that the proxy gave a LOAD, %s, is in its bake's lines" % number,
+         any("job id=" in line for line in lines_of(number)))
+    hold("the id of a refused request is in its answer and in the replica's line",
+         refused == said and any("refused" in line for line in lines_of(refused)))
 
 
 def account(clients, marks, what):
@@ -383,10 +394,7 @@ def main():
                 c.colors(model, "constant")
         hold("either replica answers for it", True)
 
-        number, lines = traced(web)
-        hold("the proxy's id of a request, %s, is in the replica's line" % number,
-             any("path=/v1/models" in line for line in lines))
-        hold("and in its bake's", any("job id=" in line for line in lines))
+        traced(web)
 
         code, out, err = command(front, "room", "create", "review", "--model", model, "--env", "constant",
                                  "--size", "96x64")
