@@ -68,8 +68,9 @@ cJSON *bcf_view_read(const void *bytes, size_t n);
 /* False: json is none. */
 bool bcf_view_of(const cJSON *json, struct bcf_view *out);
 
-/* room_view.c: *at is where the ray through the middle of the view meets the model, or else the
- * point of the model nearest to where that ray passes its middle; *camera is the view's. Both
+/* room_view.c: *at is the point where the ray through the centre of the view meets the model.
+ * Where it misses, *at is the point of the model nearest to that ray's closest approach to the
+ * model's centre. *camera is the view's camera. Both
  * are in the model's own units. False: eye and target are the same point when rounded to
  * floats. */
 bool room_look(const struct relight_geometry *geometry, const struct bcf_view *view,

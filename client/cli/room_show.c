@@ -142,7 +142,8 @@ static int save_picture(struct room_call *c, uint64_t pin)
     if (!picture_format(o->output, &view.format)) return picture_usage(o, "");
     if (view.format == RELIGHT_IMAGE_JPEG)
         return report_usage(o, "-o %s: a room's pictures are exact: .png or .exr", o->output);
-    if (view.format == RELIGHT_IMAGE_PNG) view.format = RELIGHT_IMAGE_JPEG; // as it was seen
+    if (view.format == RELIGHT_IMAGE_PNG)
+        view.format = RELIGHT_IMAGE_JPEG; // stands for PNG16, which was seen
     if (relight_room_picture(c->client, c->room, &view, &image, &c->error))
         return room_failed(c);
     int status = write_file(o, o->output, image.data, image.n_byte);

@@ -18,8 +18,8 @@ static void cross(const double a[3], const double b[3], double out[3])
 }
 
 // Intersection of a ray with a triangle, from either side (Moeller and Trumbore 1997). Returns
-// the distance along the ray, INFINITY where they do not meet; w: the barycentric weights of
-// the second and the third corner.
+// the distance along the ray, or INFINITY where the two do not meet. w gets the barycentric
+// coordinates of the second and the third corner.
 static double meet(const double eye[3], const double direction[3], const double corner[3][3],
                    double w[2])
 {

@@ -297,7 +297,7 @@ int relight_coefficients_colors(const struct relight_factors *factors,
         for (uint64_t k = 3 * begin; k < 3 * end && end <= factors->n_vertex; k++) {
             const float sum = out[k] + (block[i].translucent ? single[k] : 0);
             out[k] = fmaxf(0, outgoing.mean * sum);
-            if (!block[i].translucent) out[k] *= block[i].gain[k % 3];
+            if (block[i].has_gain) out[k] *= block[i].gain[k % 3];
         }
     }
     free(single);

@@ -314,7 +314,7 @@ int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                                           .n_vertex = m->n_vertex,
                                           .triangle_begin = m->triangle_begin,
                                           .n_triangle = m->n_triangle};
-        for (int c = 0; c < 3; c++) block[i].gain[c] = 1;
+        block[i].has_gain = m->gain != NULL;
         if (m->gain) get_vec3(m->gain, block[i].gain);
         get_vec3(m->base_color, block[i].base_color);
         block[i].surface_index = m->surface_index;

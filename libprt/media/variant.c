@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-// What a view is made from.
+// The baked mesh and media, and the variant that is asked for.
 struct base {
     const struct prt_context *ctx;
     const char *model, *variant; // names, for messages
@@ -39,7 +39,7 @@ static bool same_base(const struct prt_mesh *mesh, uint32_t one, uint32_t other)
                    sizeof mesh->surface[one].base_color);
 }
 
-// Whether what a bake keeps of a surface is the same of another one; media apart.
+// Refuses a surface that differs from the baked one in anything that was baked but its medium.
 static int check_surface(const struct base *b, uint32_t baked, uint32_t wanted)
 {
     const struct prt_mesh *mesh = b->mesh;

@@ -9,7 +9,7 @@
 /* Checks that folders and files exist, addresses resolve and words are known. 0, or -1 with the
  * error's text in fault. Binds and creates nothing. */
 int configuration_check(const struct options *options, char fault[256]);
-/* What is allowed and seldom meant. The text, which is static, or NULL. */
+/* A warning about settings that are valid but probably not intended: a static text, or NULL. */
 const char *configuration_advice(const struct options *options);
 
 /* Reads configuration, command line and token file again, applies the options that may change,

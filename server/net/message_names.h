@@ -7,8 +7,8 @@
 #include <protobuf-c/protobuf-c.h>
 
 enum message_name { NAME_BLOB, NAME_MODEL, NAME_POSE };
-/* name: of a blob or a pose its hash, 64 hex digits; of a model what the field has, which may
- * be "". */
+/* name: for NAME_BLOB and NAME_POSE the hash, 64 hex digits; for NAME_MODEL the field's text,
+ * which may be "". */
 typedef void (*message_name_fn)(void *user, enum message_name kind, const char *name);
 
 /* Calls fn for each name in the message and the messages in it. */

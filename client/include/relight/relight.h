@@ -387,8 +387,8 @@ struct relight_block {
     uint32_t surface_index; /* into relight_geometry.look */
     uint32_t medium;        /* into `media`, of a translucent block */
     const char *node;       /* glTF node's name, may be "" */
-    float gain[3];          /* of an opaque block in relight_geometry_variant: factor of what
-                               coefficients          make; else 1 */
+    bool has_gain; /* an opaque block of relight_geometry_variant has the factor `gain` */
+    float gain[3]; /* of its colours from coefficients, linear RGB */
 };
 struct relight_named_camera {
     const char *name;
@@ -609,7 +609,7 @@ int relight_put_animation(struct relight_client *client, const char *model, cons
                           const char *animation, double time_s, bool up_z, char pose[65],
                           struct relight_error *error);
 
-/* What goes besides the memory. */
+/* What relight_unload removes besides the model in memory. */
 enum relight_forget {
     RELIGHT_KEEP_BAKE,
     RELIGHT_FORGET,     /* its bake and its entry in the catalogue go, too */

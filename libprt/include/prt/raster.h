@@ -181,8 +181,8 @@ int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility 
 int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
                  enum prt_tone tone, float exposure_ev, uint8_t *rgb8);
 /* The same in 1276 levels, five for each step of 8 bits, spread over rgb16 [height][width][3]
- * in [0,65535]: a level is at most dE2000 0.2, so that two sums in another order stay below
- * what is seen. Rounded to 8 bits they are the values of prt_tone_map. */
+ * in [0,65535]: a level is at most dE2000 0.2, so that a rounding difference between two
+ * instruction sets cannot be seen. Rounded to 8 bits they are the values of prt_tone_map. */
 int prt_tone_map_fine(const struct prt_context *ctx, const struct prt_image *image,
                       enum prt_tone tone, float exposure_ev, uint16_t *rgb16);
 

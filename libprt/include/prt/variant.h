@@ -2,7 +2,7 @@
 /* prt/variant.h owns views of a mesh in one of its variants (KHR_materials_variants), for
  * requests: the same geometry with other surfaces, and the media that these have of their own.
  *
- * A bake holds for every variant that leaves alone what was baked: which surfaces are
+ * A bake serves every variant that does not change what was baked: which surfaces are
  * translucent; their media (of wavelet transport), refractive indices, normal and occlusion
  * maps; and, with a texture split, their colours. Textures, roughness, emission and the albedo
  * of opaque surfaces change freely, and so do the other coefficients of media in joint and
@@ -33,8 +33,8 @@ struct prt_variant {
  * model; they must outlive it. A medium changes where the base has the medium of its surface's
  * own material, scaled to mm. `model` opens the error line, which names the variant and the
  * surface. mesh.gain is `gain` where an opaque surface's albedo differs from the baked one.
- * PRT_ARG: as prt_mesh_variant_find. PRT_MISMATCH: the variant changes what was baked, and
- * needs a bake of its own. PRT_NOMEM. Thread-safe; the caller destroys *out. */
+ * PRT_ARG: no variant, or more than one, has this name. PRT_MISMATCH: the variant changes what
+ * was baked and needs a bake of its own. PRT_NOMEM. Thread-safe; the caller destroys *out. */
 int prt_variant_create(const struct prt_context *ctx, const char *model,
                        const struct prt_mesh *mesh, const struct prt_media *media,
                        enum prt_variant_of of, const char *name, struct prt_variant **out);

@@ -21,7 +21,7 @@ export interface Size {
 const SMALL = { width: 480, height: 360 };
 const MOST = 60; // pictures that are kept here
 
-/** A PNG file, and what it was made from; missing: the daemon does not say it. */
+/** A PNG file and the hashes of the model that it shows; older daemons send no hashes. */
 export interface Drawing {
   png: Uint8Array;
   drawn: Drawn | undefined;

@@ -2,8 +2,8 @@
 // A viewer: one model of a daemon in one element of a page. It follows a SceneState: what the
 // daemon has to compute goes out as changes of a view, and the rest is drawn here. A model
 // without a bake, and a browser without WebGL 2, get pictures of the daemon instead. Above 600
-// lines: what a change of the state asks of the daemon, and what it draws here, is decided in one
-// place.
+// lines: for each change of the state one function decides what the daemon computes and what is
+// drawn here.
 import {
   CancelJobAnswerSchema,
   CancelJobRequestSchema,
