@@ -32,8 +32,9 @@ static const uint32_t most_clusters = 128; // of a large model; twice as many of
 // near-field cells keep the integral right, and the user is warned.
 static const double least_samples = 150000, most_samples = 600000;
 static const uint32_t examined_vertices = 200; // whose error the file records
-// Walks of each of two references, and those of a bake below which they are as many; chosen.
-static const uint32_t examining_walks = 1536, few_walks = 256;
+// Walks of each of two references, and those of a bake below which they are as many; those of
+// a draft, whose errors are several per cent; chosen.
+static const uint32_t examining_walks = 1536, few_walks = 256, draft_walks = 128;
 static const uint32_t reference_samples =
     60000; // at least, of the reference it is held against
 
@@ -300,6 +301,13 @@ int prt_bake_irradiance(struct bake *b)
     return status;
 }
 
+// Walks of each of the two references that the bake is held against; 0: the dipole.
+static uint32_t reference_walks(const struct bake *b)
+{
+    if (!b->walk) return b->o.draft && b->o.walks_follow ? draft_walks : 0;
+    return b->walk->n_walk < few_walks ? b->walk->n_walk : examining_walks;
+}
+
 // Relative errors of the finished bake as JSON, to free(). A polynomial bake is measured under
 // the light that it fixed.
 static int examine(struct bake *b, char **errors)
@@ -308,16 +316,14 @@ static int examine(struct bake *b, char **errors)
     bool fixed = b->o.engine == PRT_TRANSPORT_POLYNOMIAL;
     int status =
         fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own) : PRT_OK;
-    const struct measure_options options = {
-        .own = fixed ? &own : NULL,
-        .n_vertex = examined_vertices,
-        .least_samples = b->o.draft ? b->o.n_sample : reference_samples,
-        .seed = b->o.seed,
-        .draft = b->o.draft,
-        .n_walk = !b->walk                      ? 0
-                  : b->walk->n_walk < few_walks ? b->walk->n_walk
-                                                : examining_walks,
-        .noise = prt_walks_noise(b)};
+    const struct measure_options options = {.own = fixed ? &own : NULL,
+                                            .n_vertex = examined_vertices,
+                                            .least_samples =
+                                                b->o.draft ? b->o.n_sample : reference_samples,
+                                            .seed = b->o.seed,
+                                            .draft = b->o.draft,
+                                            .n_walk = reference_walks(b),
+                                            .noise = prt_walks_noise(b)};
     if (status == PRT_OK) status = prt_measure_bake(b->ctx, &b->out, &options, errors);
     prt_cube_finish(&own);
     return status;

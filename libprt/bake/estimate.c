@@ -19,6 +19,7 @@
 //     bunny, 34835      joint        150000    32      5219            4608   1.13
 #include "bake/measure.h"
 #include "bake/run.h"
+#include "bake/walks.h"
 #include "prt/bake_limits.h"
 #include "prt/radial.h"
 #include "prt/walk_grid.h"
@@ -302,7 +303,7 @@ static void count_seconds(const struct demand *d, double *seconds, double *once)
     const struct price *p = &prices[o->engine];
     const bool single = !o->no_single && prt_bake_any_single(d->b);
     const double texels = d->coef, factored = fmin(d->vertices, MOST_FACTORED);
-    const double draft = o->draft ? 0.1 : 1, walks = o->n_walk ? o->n_walk : 256;
+    const double draft = o->draft ? 0.1 : 1, walks = prt_walks_each(o, (uint32_t)d->vertices);
     double rays = 7e-6 * d->samples + p->ray * (o->draft ? 0.6 : 1) * d->samples * texels;
     double measured = p->measuring * (o->draft ? 0.3 : single ? 1 : 0.7) + 7e-5 * d->vertices;
     double pack = p->pack * fmin(d->vertices, MOST_FACTORED / 8) * texels;

@@ -140,15 +140,17 @@ static uint32_t reference_samples(const struct examination *e)
 }
 
 // The relative RMSE of `got` from what two references agree on; 0 where their noise hides it.
+// Where they agree on no light at all it is relative to `got`: 1 at most, and a finite number.
 static double error_from(const float *got, const float *a, const float *b, size_t n)
 {
-    double error = 0, all = 0;
+    double error = 0, all = 0, answered = 0;
     for (size_t i = 0; i < n; i++) {
         error += ((double)got[i] - (double)a[i]) * ((double)got[i] - (double)b[i]);
         all += (double)a[i] * (double)b[i];
+        answered += (double)got[i] * (double)got[i];
     }
-    if (!(all > 0)) return error > 0 ? INFINITY : 0;
-    return sqrt(fmax(error, 0) / all);
+    if (!(all > 0)) all = answered;
+    return error > 0 && all > 0 ? sqrt(error / all) : 0;
 }
 
 // Adds the term at hand of the bake's own medium, in the proportion that a total has, to the
@@ -433,9 +435,10 @@ static void add_places(const struct examination *e, unsigned n_light, cJSON *to)
     cJSON *vertex = cJSON_AddArrayToObject(to, "vertex");
     cJSON *error = cJSON_AddArrayToObject(to, "error");
     for (unsigned l = 0; l < n_light; l++)
-        for (size_t i = 0; i < (size_t)e->n * 3; i++)
-            bright[l] +=
-                (double)e->sum_want[0][l][0][i] * (double)e->sum_want[1][l][0][i] / e->n;
+        for (uint32_t i = 0; i < e->n; i++)
+            for (int c = 0; c < 3; c++)
+                bright[l] +=
+                    (double)e->sum_want[0][l][i][c] * (double)e->sum_want[1][l][i][c] / e->n;
     for (uint32_t i = 0; i < e->n; i++) {
         char text[32];
         snprintf(text, sizeof text, "%.5f", error_at(e, n_light, i, bright));
@@ -455,7 +458,7 @@ static int measure_terms(struct examination *e, char **errors)
 {
     const struct prt_transport *t = e->transport;
     const struct prt_cube *own = e->o->own;
-    bool single = false, unscattered = false;
+    bool single = false, unscattered = e->o->draft && e->o->n_walk; // which drafts leave out
     for (uint32_t i = 0; i < t->n_tensor; i++) {
         single |= t->tensor[i].term == PRT_TERM_SINGLE;
         unscattered |= t->tensor[i].term == PRT_TERM_UNSCATTERED;
@@ -464,11 +467,11 @@ static int measure_terms(struct examination *e, char **errors)
     cJSON_AddNumberToObject(json, "vertices", e->n);
     if (e->o->n_walk) {
         cJSON_AddNumberToObject(json, "reference_walks", 2.0 * e->o->n_walk);
-        add_error(json, "walk_noise", e->o->noise);
+        if (!e->o->draft) add_error(json, "walk_noise", e->o->noise);
     }
     int status =
         measure_term(e, PRT_TERM_MULTIPLE, 0, cJSON_AddObjectToObject(json, "multiple"));
-    if (status == PRT_OK && e->o->n_walk)
+    if (status == PRT_OK && e->o->n_walk && !e->o->draft)
         status = measure_dipole(e, cJSON_AddObjectToObject(json, "dipole"));
     if (status == PRT_OK && unscattered)
         status = measure_term(e, PRT_TERM_UNSCATTERED, 0.2,

@@ -78,6 +78,14 @@ static int test_objects(struct bake *b)
         "closed body and face outwards");
 }
 
+uint32_t prt_walks_each(const struct prt_bake_options *o, uint32_t n_vertex)
+{
+    const double n = default_walks / fmax(n_vertex, 1);
+    if (o->n_walk) return o->n_walk;
+    if (o->engine != PRT_TRANSPORT_WAVELET) return level_walks;
+    return n < least_walks ? least_walks : n > most_walks ? most_walks : (uint32_t)n;
+}
+
 int prt_walks_create(struct bake *b)
 {
     struct walk_bake *w = b->walk = calloc(1, sizeof *b->walk);
@@ -95,10 +103,7 @@ int prt_walks_create(struct bake *b)
     w->noise = prt_calloc(b->clusters->n_cluster + 1u, sizeof *w->noise);
     if (!w->place || !w->walked || !w->noise) return PRT_NOMEM;
     for (uint32_t i = 0; i < b->surface->n_sample; i++) w->place[b->hierarchy->order[i]] = i;
-    uint32_t n = (uint32_t)(default_walks / b->mesh->n_vertex);
-    n = n < least_walks ? least_walks : n > most_walks ? most_walks : n;
-    if (b->o.engine != PRT_TRANSPORT_WAVELET) n = level_walks;
-    w->n_walk = b->o.n_walk ? b->o.n_walk : n;
+    w->n_walk = prt_walks_each(&b->o, b->mesh->n_vertex);
     return test_objects(b);
 }
 

@@ -17,6 +17,8 @@ struct walk_bake {
     double (*noise)[2]; /* [n_cluster] energy of the noise that smoothing left, and of the
                            answers, over the probes */
 };
+/* Walks a vertex and channel, or level where the medium is free: the options', or chosen. */
+uint32_t prt_walks_each(const struct prt_bake_options *options, uint32_t n_vertex);
 /* Makes b->walk and tests every object with some walks; a line is logged for each that leaks.
  * Needs scene, surface, hierarchy, clusters. PRT_ARG: nothing encloses a volume. */
 int prt_walks_create(struct bake *b);

@@ -56,36 +56,20 @@ static bool spots_init(const struct frame *f, struct spots *s)
     return good || !n;
 }
 
-// Adds texels [first, last) of one object to its points, as texture sampling does when it draws
-// every texel.
+// Adds texels [first, last) of one object to its points.
 static bool sum_object(const struct frame *f, const struct samples *texels, uint32_t first,
                        uint32_t last, struct spots *s)
 {
-    uint32_t object = texels->object[first], from = s->begin[object];
-    uint32_t n = s->begin[object + 1] - from;
+    const uint32_t object = texels->object[first], from = s->begin[object];
+    const uint32_t n = s->begin[object + 1] - from;
+    struct texel_sum sum;
     if (!n) return true;
-    struct radial_table table;
-    struct emitters list = {0};
-    double share[3],
-        area = 0; // a texel is no disc: one of 1.5 times its radius smooths the sum
-    for (uint32_t i = first; i < last; i++) area += (double)texels->area[i];
-    double disc = 1.5 * sqrt(area / (last - first) / M_PI);
-    if (!prt_emitters_reserve(&list, last - first + 16)) return false;
-    for (uint32_t i = first; i < last; i++) {
-        float w[3], p[3] = {texels->p[0][i], texels->p[1][i], texels->p[2][i]};
-        for (int c = 0; c < 3; c++) w[c] = texels->e[c][i] * texels->area[i];
-        if (w[0] + w[1] + w[2] > 0) emitters_push(&list, p, w);
-    }
-    prt_split_table(f, object, -1, disc, false, disc, f->screen->diameter_mm, &table);
-    prt_near_share(f, object, disc, share);
+    if (!prt_texel_sum_init(f, texels, first, last, &sum)) return false;
     const float *const p[3] = {s->at.p[0] + from, s->at.p[1] + from, s->at.p[2] + from};
-    float *const sum[3] = {s->sum[0] + from, s->sum[1] + from, s->sum[2] + from};
-    pair_fn pairs = prt_pair_kernel(f->ctx ? f->ctx->cpu : prt_cpu_detect());
-    for (uint32_t k = 0; k < list.n; k += 512)
-        pairs(&table, &list, k, min_u(k + 512, list.n), n, p, sum);
-    for (uint32_t i = from; i < from + n; i++)
-        for (int c = 0; c < 3; c++) s->sum[c][i] += s->at.e[c][i] * (float)share[c];
-    prt_emitters_finish(&list);
+    const float *const e[3] = {s->at.e[0] + from, s->at.e[1] + from, s->at.e[2] + from};
+    float *const out[3] = {s->sum[0] + from, s->sum[1] + from, s->sum[2] + from};
+    prt_texel_sum_add(f->ctx, &sum, n, p, e, out);
+    prt_texel_sum_finish(&sum);
     return true;
 }
 

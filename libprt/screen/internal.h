@@ -389,6 +389,21 @@ struct plan_view prt_frame_plan(const struct frame *f);
  * margin. */
 double prt_plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
                        const struct plan_view *view);
+/* texel_sum.c: R_d summed over texels [first, last) of one object, with their e. */
+struct texel_sum {
+    struct radial_table table;
+    struct emitters list;
+    double share[3];
+};
+/* False without memory; the caller ends it with prt_texel_sum_finish. */
+bool prt_texel_sum_init(const struct frame *f, const struct samples *texels, uint32_t first,
+                        uint32_t last, struct texel_sum *out);
+/* Adds to sum[c][n] at points p, whose own irradiance is e; n a multiple of 16, columns 64-byte
+ * aligned. Thread-safe for different points. */
+void prt_texel_sum_add(const struct prt_context *ctx, const struct texel_sum *s, uint32_t n,
+                       const float *const p[3], const float *const e[3], float *const sum[3]);
+void prt_texel_sum_finish(struct texel_sum *s);
+
 /* check.c: relative RMS difference of radiance from a sum over many texels, at some 160 points.
  */
 int prt_frame_check(struct frame *f, double *error);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The public calls: they set a frame's lights and tables up, run an engine and compose the
 // result.
-#include "internal.h"
 #include "prt/surface.h"
+#include "walk_ratio.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -387,6 +387,7 @@ static int draw_translucent(struct frame *f, double started)
     if (!status && o->measure_error)
         status = prt_engine_reference(f, measure_texels(f), f->g.n_point / MEASURE_POINTS + 1,
                                       &f->report->error);
+    if (!status && o->ratio) status = prt_ratio_apply(f);
     return status;
 }
 

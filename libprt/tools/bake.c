@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // prt bake: precomputes the transport of a model and writes a .prt.
 #include "tool.h"
+#include "walk_ratio.h"
 #include "prt/bake.h"
 #include "prt/radial.h"
 
@@ -137,9 +138,10 @@ static void report_errors(const char *errors)
         putchar('\n');
     }
     const cJSON *noise = cJSON_GetObjectItemCaseSensitive(root, "walk_noise");
+    if (cJSON_GetObjectItemCaseSensitive(root, "reference_walks"))
+        puts("these are against walks of the reference, whose noise is taken out");
     if (cJSON_IsNumber(noise))
-        printf("these are against walks of the reference, whose noise is taken out; the bake's "
-               "own walks leave a noise of %.2g %% under random lights\n",
+        printf("the bake's own walks leave a noise of %.2g %% under random lights\n",
                100 * noise->valuedouble);
     const double sky = number_of(root, "dipole", "sky");
     const cJSON *dipole = cJSON_GetObjectItemCaseSensitive(root, "dipole");
@@ -202,7 +204,33 @@ static void print_profile(const struct prt_bake_profile *p)
            p->rays_s * 1e-6, p->flop_s * 1e-9);
 }
 
-static int report(struct tool *tool, double seconds, const struct prt_bake_profile *profile)
+// What the dipole costs, where nobody asked for it, in a line or `into`; where the bake is so
+// long that a few seconds of walks do not matter.
+static int report_dipole(struct tool *tool, const struct source *source,
+                         const struct prt_bake_options *options, cJSON *into)
+{
+    enum { LONG_S = 30 }; // CPU seconds that the bake is estimated to take
+    struct prt_walk_ratio_report report;
+    struct prt_walk_ratio *ratio = NULL;
+    double cpu_s, once_s;
+    const struct options *o = &tool->opt;
+    if (o->scattering || options->scattering == PRT_SCATTERING_WALK) return PRT_OK;
+    int status = prt_bake_seconds(&tool->ctx, source->mesh, options, &cpu_s, &once_s);
+    if (status || cpu_s < LONG_S || options->engine != PRT_TRANSPORT_WAVELET) return status;
+    status = ratio_create(tool, source->mesh, &source->media, &ratio, &report);
+    if (!status) status = ratio_error_json(into, ratio, &report, source->mesh, &source->media);
+    prt_walk_ratio_destroy(ratio);
+    const cJSON *item;
+    cJSON_ArrayForEach(item, cJSON_GetObjectItem(into, "dipole_error")) if (!o->json)
+        printf("%s: %s (prt image --term difference shows where)\n",
+               cJSON_GetObjectItem(item, "medium")->valuestring,
+               cJSON_GetObjectItem(item, "words")->valuestring);
+    return status;
+}
+
+static int report(struct tool *tool, const struct source *source,
+                  const struct prt_bake_options *options, double seconds,
+                  const struct prt_bake_profile *profile)
 {
     const struct options *o = &tool->opt;
     struct prt_file *file;
@@ -225,6 +253,7 @@ static int report(struct tool *tool, double seconds, const struct prt_bake_profi
         cJSON *errors = t->errors ? cJSON_Parse(t->errors) : NULL;
         if (errors) cJSON_AddItemToObject(root, "errors", errors);
         if (o->profile) add_profile(root, profile);
+        status = report_dipole(tool, source, options, root);
         char *text = cJSON_PrintUnformatted(root);
         puts(text ? text : "{}");
         free(text);
@@ -234,9 +263,12 @@ static int report(struct tool *tool, double seconds, const struct prt_bake_profi
                o->out, t->mesh.n_vertex, bytes * 1e-6, a_vertex, seconds);
         report_errors(t->errors);
         if (o->profile) print_profile(profile);
+        cJSON *root = cJSON_CreateObject();
+        status = report_dipole(tool, source, options, root);
+        cJSON_Delete(root);
     }
     prt_file_close(file);
-    return EXIT_DONE;
+    return tool_exit(tool, status);
 }
 
 // Reports one finished part and the number of missing parts.
@@ -324,6 +356,42 @@ static int print_estimate(struct tool *tool, const struct prt_mesh *mesh,
     return EXIT_DONE;
 }
 
+// A draft is by the dipole. Its errors are against what the bake will take that replaces it.
+static int choose_for_draft(struct tool *tool, const struct prt_mesh *mesh,
+                            struct prt_bake_options *options)
+{
+    char why[PRT_BAKE_WHY];
+    struct prt_bake_options bake = *options;
+    enum prt_scattering scattering = options->scattering;
+    int status = PRT_OK;
+    bake.draft = false;
+    if (!tool->opt.scattering)
+        status = prt_bake_choose_scattering(&tool->ctx, mesh, &bake, &scattering, why);
+    options->scattering = PRT_SCATTERING_DIPOLE;
+    options->walks_follow =
+        scattering == PRT_SCATTERING_WALK && options->engine == PRT_TRANSPORT_WAVELET;
+    if (!tool->opt.scattering || options->walks_follow)
+        prt_log(&tool->ctx, PRT_LOG_NOTE, "--scattering dipole: a draft is to be quick%s",
+                options->walks_follow ? "; its errors are against walks, by which the bake is"
+                                      : "");
+    return tool_exit(tool, status);
+}
+
+// Without --scattering the better one, with a note.
+static int choose_scattering(struct tool *tool, const struct prt_mesh *mesh,
+                             struct prt_bake_options *options)
+{
+    char why[PRT_BAKE_WHY];
+    if (options->draft) return choose_for_draft(tool, mesh, options);
+    if (tool->opt.scattering) return EXIT_DONE;
+    int status =
+        prt_bake_choose_scattering(&tool->ctx, mesh, options, &options->scattering, why);
+    if (!status)
+        prt_log(&tool->ctx, PRT_LOG_NOTE, "--scattering %s: %s",
+                options->scattering == PRT_SCATTERING_WALK ? "walk" : "dipole", why);
+    return tool_exit(tool, status);
+}
+
 int run_bake(struct tool *tool)
 {
     const struct options *o = &tool->opt;
@@ -357,6 +425,7 @@ int run_bake(struct tool *tool)
     options.env = env;
     options.memory = usable_memory(o);
     uint64_t bytes = 0;
+    if ((exit_status = choose_scattering(tool, source.mesh, &options))) goto done;
     exit_status = tool_exit(tool, prt_bake_memory(&tool->ctx, source.mesh, &options, &bytes));
     if (!exit_status && o->estimate)
         exit_status = print_estimate(tool, source.mesh, &options, bytes);
@@ -369,8 +438,8 @@ int run_bake(struct tool *tool)
     exit_status = memory_watch_end(prt_bake(&tool->ctx, source.mesh, &options, o->out));
     double seconds = prt_time_s() - started;
     if (!exit_status)
-        exit_status =
-            missing ? report_part(o, seconds, missing) : report(tool, seconds, &profile);
+        exit_status = missing ? report_part(o, seconds, missing)
+                              : report(tool, &source, &options, seconds, &profile);
 done:
     free(settings);
     if (env) prt_env_destroy(env);

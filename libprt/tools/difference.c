@@ -11,11 +11,11 @@ static double sum3(const float rgb[3])
     return (double)rgb[0] + (double)rgb[1] + (double)rgb[2];
 }
 
-// White: equal. Red: the dipole is too bright; blue: too dark; full at a factor of two.
-static void color_of(double dipole, double walk, float out[3])
+const double difference_legend[DIFFERENCE_LEGEND] = {-0.5, -0.2, -0.1, 0, 0.1, 0.25, 1};
+
+void difference_color(double excess, float out[3])
 {
-    double t = dipole > 0 && walk > 0 ? log2(dipole / walk) : dipole > 0 ? 1 : 0;
-    t = fmin(fmax(t, -1), 1);
+    const double t = fmin(fmax(log2(fmax(1 + excess, 0.5)), -1), 1);
     out[0] = (float)(t < 0 ? 1 + t : 1);
     out[1] = (float)(1 - fabs(t));
     out[2] = (float)(t > 0 ? 1 - t : 1);
@@ -84,7 +84,10 @@ int difference_colors(struct tool *tool, const struct source *source,
     if (!status)
         status = measure(source, (const float(*)[3])dipole, (const float(*)[3])walk, out);
     for (uint32_t v = 0; v < n && !status; v++)
-        color_of(sum3(dipole[v]), sum3(walk[v]), color[v]);
+        difference_color(sum3(walk[v]) > 0     ? sum3(dipole[v]) / sum3(walk[v]) - 1
+                         : sum3(dipole[v]) > 0 ? 1
+                                               : 0,
+                         color[v]);
     prt_free(dipole);
     prt_free(walk);
     return tool_exit(tool, status);

@@ -4,6 +4,7 @@
 #include "difference.h"
 #include "tool.h"
 #include "terminal.h"
+#include "walk_ratio.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
 #include "prt/trace.h"
@@ -41,6 +42,8 @@ struct picture {
     struct difference difference; // of --term difference
     bool on_screen; // drawn by an image-space engine, without transport and vertices
     struct prt_screen_report report;
+    struct prt_walk_ratio *ratio; // of a picture by such an engine; NULL: it is not scaled
+    struct prt_walk_ratio_report ratio_report;
     struct maps maps;
     unsigned leave_out; // of the file's own textures
 };
@@ -48,6 +51,7 @@ struct picture {
 static void picture_finish(struct picture *p)
 {
     maps_finish(&p->maps);
+    prt_walk_ratio_destroy(p->ratio);
     prt_image_finish(&p->image);
     prt_free(p->shadow);
     prt_scene_destroy(p->scene);
@@ -153,8 +157,9 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
                         source->path);
         return NULL;
     }
-    if (strcmp(engine, "reference") && o->scattering && !strcmp(o->scattering, "walk")) {
-        *status = usage_error(o, "--scattering walk is for --engine reference");
+    if (!strcmp(engine, "vertex") && o->scattering && !strcmp(o->scattering, "walk")) {
+        *status = usage_error(o, "--scattering walk is for --engine reference and image-space "
+                                 "engines: a .prt answers as it was baked");
         return NULL;
     }
     if (!strcmp(engine, "vertex")) {
@@ -355,7 +360,12 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     if (status) return tool_exit(tool, status);
     if ((status = maps_load(tool, p->source.mesh, &p->source.media, &p->maps, &options)))
         return status;
-    status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
+    if (ratio_wanted(o))
+        status =
+            ratio_create(tool, p->source.mesh, &p->source.media, &p->ratio, &p->ratio_report);
+    options.ratio = p->ratio;
+    options.ratio_share = total ? PRT_WALK_ALL : PRT_WALK_MULTIPLE;
+    if (!status) status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
     struct prt_screen_input input = {
         .visibility = p->visibility, .media = p->source.media, .cube = &p->light};
@@ -385,6 +395,45 @@ static bool is_difference(const struct tool *tool)
     return tool->opt.term && !strcmp(tool->opt.term, "difference");
 }
 
+// The colours of a picture of the difference, as its pixels have them: sRGB in 8 bits.
+static void legend_text(double excess, char out[8])
+{
+    float rgb[3];
+    unsigned byte[3];
+    difference_color(excess, rgb);
+    for (int c = 0; c < 3; c++) {
+        const double x = (double)rgb[c];
+        const double s = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
+        byte[c] = (unsigned)(255 * s + 0.5);
+    }
+    snprintf(out, 8, "#%02x%02x%02x", byte[0] & 255, byte[1] & 255, byte[2] & 255);
+}
+
+static void note_legend(const struct tool *tool)
+{
+    char line[256] = "", color[8];
+    for (int i = 0; i < DIFFERENCE_LEGEND; i++) {
+        const size_t n = strlen(line);
+        legend_text(difference_legend[i], color);
+        snprintf(line + n, sizeof line - n, "%s%+g %% %s", i ? ", " : "",
+                 100 * difference_legend[i], color);
+    }
+    prt_log(&tool->ctx, PRT_LOG_NOTE, "dipole over walks, less 1: %s", line);
+}
+
+static void legend_json(cJSON *to)
+{
+    cJSON *list = cJSON_AddArrayToObject(to, "legend");
+    for (int i = 0; i < DIFFERENCE_LEGEND; i++) {
+        char color[8];
+        cJSON *o = cJSON_CreateObject();
+        legend_text(difference_legend[i], color);
+        cJSON_AddNumberToObject(o, "excess", difference_legend[i]);
+        cJSON_AddStringToObject(o, "color", color);
+        cJSON_AddItemToArray(list, o);
+    }
+}
+
 static void summary(const struct tool *tool, const struct picture *p, const char *engine,
                     double seconds)
 {
@@ -393,6 +442,8 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     if (!tool->opt.json) {
         prt_log(&tool->ctx, PRT_LOG_NOTE, "%s: %ux%u by %s in %.3f s", tool->opt.out,
                 p->image.width, p->image.height, engine, seconds);
+        if (p->ratio) ratio_note(tool, &p->ratio_report);
+        if (is_difference(tool)) note_legend(tool);
         if (is_difference(tool))
             prt_log(
                 &tool->ctx, PRT_LOG_NOTE,
@@ -418,8 +469,10 @@ static void summary(const struct tool *tool, const struct picture *p, const char
         cJSON_AddNumberToObject(root, "dipole_error", p->difference.rms);
         cJSON_AddNumberToObject(root, "dipole_darkest", p->difference.darkest);
         cJSON_AddNumberToObject(root, "dipole_brightest", p->difference.brightest);
+        legend_json(root);
     }
     if (p->on_screen) add_screen_report(root, &p->report);
+    if (p->ratio) ratio_json(root, &p->ratio_report);
     if (p->specular_measured) {
         cJSON_AddNumberToObject(root, "specular_error", p->specular_error);
         cJSON_AddNumberToObject(root, "specular_error_without_occlusion", p->without);

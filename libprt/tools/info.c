@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // prt info: prints the contents of a .prt, a model or an environment, as text or JSON.
 #include "tool.h"
+#include "walk_ratio.h"
 #include "prt/radial.h"
 #include "prt/walk_grid.h"
 
@@ -426,6 +427,22 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
     return EXIT_DONE;
 }
 
+// Where the dipole errs in these media: seconds of walks.
+static int describe_dipole(struct tool *tool, const char *path, cJSON *root)
+{
+    struct source source;
+    struct prt_walk_ratio *ratio = NULL;
+    struct prt_walk_ratio_report report;
+    int exit_status = source_open(tool, path, NULL, &source);
+    if (exit_status) return exit_status;
+    int status = ratio_create(tool, source.mesh, &source.media, &ratio, &report);
+    if (!status) status = ratio_error_json(root, ratio, &report, source.mesh, &source.media);
+    if (!status) ratio_json(root, &report);
+    prt_walk_ratio_destroy(ratio);
+    source_close(&source);
+    return tool_exit(tool, status);
+}
+
 static int describe_env(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_env *env;
@@ -488,6 +505,11 @@ static bool ends_with_any(const char *path, const char *const *endings)
     return false;
 }
 
+static bool walks_asked(const struct options *o)
+{
+    return o->scattering && !strcmp(o->scattering, "walk");
+}
+
 int run_info(struct tool *tool)
 {
     static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", ".stl", NULL};
@@ -505,6 +527,8 @@ int run_info(struct tool *tool)
     else if (ends_with_any(path, models)) status = describe_model(tool, path, root);
     else if (prt_material_is_foreign(path)) status = describe_materials(tool, path, root);
     else status = describe_env(tool, path, root);
+    if (!status && (tool->opt.n_material || walks_asked(&tool->opt)))
+        status = describe_dipole(tool, path, root);
     if (!status && tool->opt.json) {
         char *text = cJSON_PrintUnformatted(root);
         puts(text ? text : "{}");

@@ -41,14 +41,14 @@ const struct option_row option_table[] = {
     {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL,
      BAKE | COLORS | IMAGE | ENV | MATERIAL, "file to write; its ending chooses the format"},
     {"material", 'm', "[OBJECT=]NAME|FILE", OPTION_MATERIAL, 0, 0, 0, NULL,
-     BAKE | COLORS | IMAGE | COMPARE,
+     BAKE | COLORS | IMAGE | COMPARE | INFO,
      "a preset (marble, skin1, …), a JSON file, JSON text, or a file of another program, FILE or "
      "FILE#NAME (see prt material --help); OBJECT: the glTF material or node that it is of, "
      "without it all others; may repeat"},
-    {"size-mm", 0, "D", OPTION_REAL, AT(size_mm), 0, 1e6, NULL, BAKE | COLORS | IMAGE,
+    {"size-mm", 0, "D", OPTION_REAL, AT(size_mm), 0, 1e6, NULL, BAKE | COLORS | IMAGE | INFO,
      "diagonal of the bounding box of the translucent objects, in mm"},
-    {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, BAKE | COLORS | IMAGE,
-     "millimetres in one unit of the model"},
+    {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL,
+     BAKE | COLORS | IMAGE | INFO, "millimetres in one unit of the model"},
     {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, MATERIAL,
      "millimetres in a unit of length where IN names none (default: MaterialX 10, Principled and "
      "glTF 1000, pbrt 1)"},
@@ -121,7 +121,8 @@ const struct option_row option_table[] = {
      "resolution of the light for the reference engine (default: the .prt's, else 32)"},
     {"draft", 0, NULL, OPTION_FLAG, AT(draft), 0, 0, NULL, BAKE,
      "a first bake of some 3 % error in a tenth of the time: --cube 16 --samples 20000 "
-     "--max-error 0.05, unless given, single scattering from few vertices, and coarser inside"},
+     "--max-error 0.05, unless given, single scattering from few vertices, and coarser inside; by "
+     "the dipole: where the bake is by walks its errors are against these"},
     {"profile", 0, NULL, OPTION_FLAG, AT(profile), 0, 0, NULL, BAKE,
      "print CPU seconds, rays and operations of each kind of work beside the machine's rates; "
      "takes a second more"},
@@ -135,18 +136,30 @@ const struct option_row option_table[] = {
     {"exit", 0, "KIND", OPTION_WORD, AT(exit), 0, 0, exits, LIGHTS,
      "how diffuse light leaves in --term total: F_t B/(pi T) with T the mean of F_t (default), "
      "which loses no light, or F_t B/pi, as the papers print it"},
-    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, LIGHTS,
+    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, COLORS | COMPARE,
      "reference engine: multiple scattering by the dipole (default), which takes the surface "
      "around each point for a plane, or by random walks inside the model"},
+    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, IMAGE,
+     "reference engine: multiple scattering by the dipole (default), which takes the surface "
+     "around each point for a plane, or by random walks inside the model; image-space engines: "
+     "walk (default without --budget-ms) scales it to what walks return under even light, "
+     "which takes seconds"},
     {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, BAKE,
-     "multiple scattering by the dipole (default), which takes the surface around each point "
-     "for a plane, or by random walks inside the model"},
+     "multiple scattering by the dipole, which takes the surface around each point for a plane, "
+     "or by random walks inside the model; default: walk for closed bodies of a fixed medium where "
+     "it is estimated to take at most three times the time, else dipole; a note says which and why"},
+    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, INFO,
+     "walk, or --material: say where and by how much the dipole differs from random walks in the "
+     "media of a model or .prt under even light, which takes seconds"},
+    {"walks", 0, "N", OPTION_WHOLE, AT(walks), 16, PRT_BAKE_WALKS_MAX, NULL, INFO,
+     "walks of a group of points that --scattering walk or --material takes (default 256)"},
     {"walks", 0, "N", OPTION_WHOLE, AT(walks), PRT_BAKE_WALKS_MIN, PRT_BAKE_WALKS_MAX, NULL,
      BAKE,
      "with --scattering walk: walks a vertex and channel (default: by vertices, 512 to 2048); "
      "where the medium is free, a vertex and level of scattering (default 256)"},
     {"walks", 0, "N", OPTION_WHOLE, AT(walks), 1, 1 << 28, NULL, LIGHTS,
-     "with --scattering walk: walks a vertex and channel (default 1024)"},
+     "with --scattering walk: walks a vertex and channel (default 1024); image-space engines: a "
+     "group of points, at least 16 (default 256)"},
     {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,
      "reference engine: rays a sample (default 2048)"},
     {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, PRT_BAKE_SINGLE_POINTS_MAX,

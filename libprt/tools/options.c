@@ -361,9 +361,12 @@ static int check_together(const struct options *o)
         return usage_error(o, "--phase-terms %d: expected 1, 4 or 9", (int)o->phase_terms);
     // A .prt says how it was baked.
     const bool baked = o->command != CMD_BAKE && o->n_input && prt_file_probe(o->input[0]);
-    bool walk = o->scattering ? !strcmp(o->scattering, "walk") : baked;
+    const bool on_screen = o->command == CMD_IMAGE && o->engine &&
+                           strcmp(o->engine, "vertex") && strcmp(o->engine, "reference");
+    bool walk = o->scattering ? !strcmp(o->scattering, "walk")
+                              : baked || on_screen || o->command == CMD_INFO;
     if (o->walks && !walk) return usage_error(o, "--walks is for --scattering walk");
-    if (o->term && !strcmp(o->term, "unscattered") && !walk)
+    if (o->term && !strcmp(o->term, "unscattered") && (!walk || on_screen))
         return usage_error(o,
                            "--term unscattered is for --scattering walk: the dipole has none");
     if (o->term && !strcmp(o->term, "difference") && o->command != CMD_IMAGE)

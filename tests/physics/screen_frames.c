@@ -313,6 +313,68 @@ static void frames_repeat(void **state)
     model_finish(&model);
 }
 
+// Contract of prt_screen_radiance: what a screen drew before, of another frame, seed, number of
+// samples, light or medium, changes no later picture.
+static void pictures_have_no_past(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 5, 24);
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_material other = marble;
+    other.sigma_a[1] *= 30;
+    struct prt_cube cube[2] = {constant_cube(8, (float[3]){1, 2, 3}),
+                               constant_cube(8, (float[3]){1, 2, 3})};
+    for (int k = 0; k < 40; k++) cube[0].texel[k] = cube[1].texel[900 + k] = 90;
+    const struct look {
+        uint32_t n_sample, frame;
+        uint64_t seed;
+        const struct prt_material *material;
+        struct prt_cube *cube;
+    } before[] = {{40, 0, 3, &marble, &cube[0]}, {40, 5, 0, &marble, &cube[0]},
+                  {40, 5, 4, &marble, &cube[0]}, {90, 5, 3, &marble, &cube[0]},
+                  {40, 5, 3, &other, &cube[0]},  {40, 5, 3, &marble, &cube[1]},
+                  {40, 5, 3, &marble, &cube[0]}};
+    enum { N_LOOK = sizeof before / sizeof *before };
+    for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
+        struct stage fresh, used;
+        stage_init(&fresh, &model, camera, 40, 40);
+        stage_init(&used, &model, camera, 40, 40);
+        const size_t bytes = fresh.g.n_point * sizeof(float[3]);
+        pixels want = NULL;
+        for (int k = N_LOOK - 1; k >= -1; k--) {
+            const struct look *l = &before[k < 0 ? N_LOOK - 1 : k];
+            struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                 .n_sample = l->n_sample * (e > 1 ? 10 : 1),
+                                                 .frame = l->frame,
+                                                 .seed = l->seed};
+            if (!want) {
+                want = render(&fresh, l->material, l->cube, NULL, options, NULL);
+                continue;
+            }
+            pixels got = render(&used, l->material, l->cube, NULL, options, NULL);
+            if (k < 0) assert_memory_equal(want, got, bytes);
+            else if (e != PRT_SCREEN_REFERENCE) assert_memory_not_equal(want, got, bytes);
+            free(got);
+            const struct look *last = &before[N_LOOK - 1];
+            options.n_sample = last->n_sample * (e > 1 ? 10 : 1);
+            options.frame = last->frame;
+            options.seed = last->seed;
+            got = render(&used, last->material, last->cube, NULL, options, NULL);
+            if (memcmp(want, got, bytes))
+                fail_msg("%s: the picture depends on the one before, number %d",
+                         prt_screen_engine_name(options.engine), k);
+            free(got);
+        }
+        free(want);
+        stage_finish(&fresh);
+        stage_finish(&used);
+    }
+    prt_cube_finish(&cube[0]);
+    prt_cube_finish(&cube[1]);
+    model_finish(&model);
+}
+
 // Law: a light that turns by half a degree changes the picture as the sum over all texels does
 // (S09, no flicker; METHODS §6): samples stay where they were as far as they can.
 static void samples_stay_from_frame_to_frame(void **state)
@@ -364,6 +426,7 @@ int main(void)
         cmocka_unit_test(frames_average_to_the_reference),
         cmocka_unit_test(later_frames_weigh_more),
         cmocka_unit_test(frames_repeat),
+        cmocka_unit_test(pictures_have_no_past),
         cmocka_unit_test(samples_stay_from_frame_to_frame),
     };
     return run_physics_tests(tests, screen_setup, screen_teardown);

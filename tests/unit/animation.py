@@ -128,7 +128,7 @@ def tool():
     info = json.loads(prt('info', 'bar.gltf', '--json').stdout)
     expect(info['animations_s'] == {'bend': 1}, 'prt info: %s' % info.get('animations_s'))
     lit = ['--env', 'constant', '--material', 'marble', '--size', '40x30', '--size-mm', '20', '-o', 'x.png', '--quiet']
-    prt('image', 'bar.gltf', '--engine', 'texture', '--animation', 'bend', '--time', '0.5', *lit)
+    prt('image', 'bar.gltf', '--engine', 'texture', '--scattering', 'dipole', '--animation', 'bend', '--time', '0.5', *lit)
     for words, text in ((['--animation', 'bond'], 'did you mean bend?'), (['--time', '1'], '--time is for'),
                         (['--animation', 'bend', '--time', 'nan'], 'time')):
         said = prt('image', 'bar.gltf', *words, *lit, status=2).said

@@ -47,7 +47,7 @@ hdr waves.hdr 8 '\100\100\100\200\200\200\200\200\300\300\300\200\377\377\377\20
 draw() { # OUT OPTION…
     local out=$1
     shift
-    timeout 120 "$prt" image ball.obj --material marble --size-mm 40 --env side.hdr --engine "$engine" \
+    timeout 120 "$prt" image ball.obj --material marble --size-mm 40 --env side.hdr --engine "$engine" --scattering dipole \
         --samples "$samples" --size 96x96 --term multiple --background none --quiet "$@" -o "$out" 2>err ||
         fail "$out: $*"
 }

@@ -44,9 +44,11 @@ def same(got, want, most):
 
 @contextlib.contextmanager
 def daemon(*options, at=''):
-    """A relightd on ./socket that writes to ./log; at: what these names begin with."""
+    """A relightd on ./socket that writes to ./log; at: what these names begin with. Its previews do not change by
+    themselves, but with --preview-walks=yes."""
     with open(at + 'log', 'w', encoding='utf-8') as log:
-        process = subprocess.Popen([os.path.join(BIN, 'relightd'), *options, '--listen', 'unix:%ssocket' % at],
+        process = subprocess.Popen([os.path.join(BIN, 'relightd'), '--preview-walks=no', *options, '--listen',
+                                    'unix:%ssocket' % at],
                                    stdout=log, stderr=log)
     try:
         for _ in range(1200):

@@ -34,7 +34,7 @@ def check():
     for engine in ('tangent', 'texture', 'splat', 'hybrid', 'reference'):
         few = ['--samples', '4000' if engine == 'reference' else '64'] + \
             (['--rays', '256', '--single-points', '16'] if engine == 'reference' else [])
-        term = ['--engine', engine, '--term', 'multiple', *few]
+        term = ['--engine', engine, '--scattering', 'dipole', '--term', 'multiple', *few]
         image('plain.glb', 'want.exr', *term, '--env', dim)
         for split in ('0', '0.5', '1'):
             image('grey.glb', 'got.exr', *term, '--texture-split', split)
@@ -58,14 +58,14 @@ def check():
     glb('two.glb', [flat((255, 255, 255))], base, opaque=True)
     glb('twogrey.glb', [flat((half,) * 3)], base, opaque=True)
     for name, out, env in (('two.glb', 'want.exr', dim), ('twogrey.glb', 'got.exr', 'constant')):
-        image(name, out, '--opaque', 'stone', '--engine', 'tangent', '--term', 'multiple', '--env', env)
+        image(name, out, '--opaque', 'stone', '--engine', 'tangent', '--scattering', 'dipole', '--term', 'multiple', '--env', env)
     expect(rmse('got.exr', 'want.exr') < 0.01, 'an opaque texture is off by %g' % rmse('got.exr', 'want.exr'))
 
     # a normal map turns highlights; a level one (128,128,255 is 0.4 % off level) does not
     bump = {'normalTexture': {'index': 0}, 'pbrMetallicRoughness': {'roughnessFactor': .3}}
     glb('level.glb', [flat((128, 128, 255))], bump)
     glb('waves.glb', [png(8, 8, [[(128 + 90 * (x % 2 * 2 - 1), 128, 220) for x in range(8)]] * 8)], bump)
-    side = ['--engine', 'tangent', '--samples', '64']
+    side = ['--engine', 'tangent', '--scattering', 'dipole', '--samples', '64']
     for name in ('plain', 'level', 'waves'):
         image(name + '.glb', name + '.exr', *side)
     expect(rmse('level.exr', 'plain.exr') < 0.01, 'a level map changes the picture by %g' %
@@ -94,7 +94,7 @@ def check():
     with open('ball.mtl', 'w') as f:
         f.write('newmtl other\nmap_Kd none.png\nnewmtl paint\nKd 1 1 1\nmap_Kd paint.png\n')
     glb('ball.glb', [png(8, 8, rows)], base)
-    side = ['--engine', 'tangent', '--samples', '64', '--term', 'multiple']
+    side = ['--engine', 'tangent', '--scattering', 'dipole', '--samples', '64', '--term', 'multiple']
     image('ball.glb', 'want.exr', *side)
     prt('image', 'ball.obj', '--material', 'marble', '--mm-per-unit', '10', '--env', 'constant:1,1,1', '--size',
         '64x48', '--background', 'none', '-o', 'got.exr', *side)
@@ -103,14 +103,15 @@ def check():
         f.write('newmtl paint\nmap_Kd ../paint.png\n')
     run = prt('info', 'ball.obj')
     expect('paint.png' in run.stderr and 'left out' in run.stderr, 'no warning: ' + run.stderr)
-    side = ['--engine', 'tangent', '--samples', '64']
+    side = ['--engine', 'tangent', '--scattering', 'dipole', '--samples', '64']
 
     # the file's own medium: the same picture as by the medium that the note prints
     volume = {'attenuationDistance': .005, 'attenuationColor': [.9, .7, .4]}
     glb('wax.glb', [], {'name': 'wax', 'pbrMetallicRoughness': {'baseColorFactor': [.8, .7, .6, 1],
                                                                 'roughnessFactor': .4},
                         'extensions': {'KHR_materials_volume': volume, 'KHR_materials_ior': {'ior': 1.4}}})
-    common = ['image', 'wax.glb', '--env', 'constant', '--size', '64x48', '--engine', 'tangent', '--samples', '64']
+    common = ['image', 'wax.glb', '--env', 'constant', '--size', '64x48', '--engine', 'tangent', '--scattering', 'dipole',
+              '--samples', '64']
     run = prt(*common, '-o', 'own.exr')
     medium = run.stderr.split("the file's own material: ")[-1].split('\n')[0]
     expect('"eta":1.4' in medium, 'the note has no medium: ' + run.stderr)

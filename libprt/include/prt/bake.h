@@ -64,7 +64,10 @@ struct prt_bake_options {
     double max_error; /* relative RMSE of the storage; 0: 0.01 */
     bool draft; /* some 3 % in a tenth of the time: other defaults (cube 16, 20000 samples,
                  * max_error 0.05), single scattering interpolated from few vertices, a coarser
-                 * cut of the hierarchy, and one ray of four where four agree (METHODS §3.8) */
+                 * cut of the hierarchy, and one ray of four where four agree (METHODS §3.8);
+                 * by the dipole */
+    bool walks_follow; /* draft: a bake by walks replaces it, so that its errors are against
+                        * walks; for a fixed medium */
     const struct prt_env *env; /* polynomial: the fixed light */
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
@@ -124,6 +127,17 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
  * prt_bake_memory. */
 int prt_bake_seconds(const struct prt_context *ctx, const struct prt_mesh *mesh,
                      const struct prt_bake_options *options, double *cpu_s, double *once_s);
+
+/* The scattering that serves a mesh best where nobody chose: walks where every translucent
+ * object encloses a volume, where bakes by walks keep their bounds (wavelet transport with
+ * factored storage, no draft, no profiles; METHODS §9), and where they are estimated to take at
+ * most three times the time; else the dipole. options: scattering is not read. why: the reason
+ * in words. Blocks for tenths of a second; equal for equal mesh and options. Errors as
+ * prt_bake_memory; *out is written on PRT_OK only. Thread-safe. */
+enum { PRT_BAKE_WHY = 160 };
+int prt_bake_choose_scattering(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                               const struct prt_bake_options *options, enum prt_scattering *out,
+                               char why[PRT_BAKE_WHY]);
 
 #ifdef __cplusplus
 }

@@ -12,6 +12,7 @@
 
 #include "prt/raster.h"
 #include "prt/trace.h"
+#include "prt/walk_ratio.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -117,8 +118,12 @@ struct prt_screen_options {
     bool maps_by_surface; /* each map is [n_surface]; rgb NULL: none on that surface */
     bool maps_checked;    /* texels are not checked again: maps of prt_screen_map_make */
     const float (
-        *vertex_irradiance)[3]; /* [n_vertex] E of all lights, where it is known already
-                    (from a bake or prt_reference): interpolated, no rays; or NULL */
+        *vertex_irradiance)[3];         /* [n_vertex] E of all lights, where it is known already
+                            (from a bake or prt_reference): interpolated, no rays; or NULL */
+    const struct prt_walk_ratio *ratio; /* light that was scattered is multiplied by its W/D
+                    (prt/walk_ratio.h), of a mesh of the same vertices and triangles; errors are
+                    those before. NULL: the dipole as it is */
+    enum prt_walk_share ratio_share;
     uint32_t rings,
         spokes; /* HYBRID under at most 4 distant lights, both > 0: the near part from
                    C08's pattern of rings * spokes + 1 points of the light's view
