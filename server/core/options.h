@@ -100,7 +100,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, slurm_arguments, "slurm-arguments", "TEXT", "",                                     \
       "Further arguments of sbatch, such as --partition=bake --account=studio")                 \
     X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait in a queue")        \
-    X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")      \
+    X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that wait or run; more are refused")   \
     X(COUNT, bake_threads, "bake-threads", "N", "0",                                            \
       "Threads of one bake. 0: one for each core")                                              \
     X(COUNT, bake_nice, "bake-nice", "N", "5",                                                  \
@@ -171,6 +171,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(COUNT, max_models, "max-models", "N", "10000", "Models that the daemon knows at once")    \
     X(BYTES, client_disk, "client-disk", "BYTES", "16G",                                        \
       "Disk space for one client's uploads, previews and bakes under --data")                   \
+    X(FLAG, preview_walks, "preview-walks", "yes|no", "yes",                                    \
+      "Scale pictures without a bake to the light that random walks return under even light, "  \
+      "from when those are there: some 10 s of one core, in the background, for a model and "   \
+      "medium. no: the dipole, too bright in thin parts")                                       \
     X(TEXT, rooms, "rooms", "STORE", "",                                                        \
       "Where review rooms are kept: sqlite:FILE, or postgresql://[USER[:PASSWORD]@]HOST/"       \
       "DATABASE for several relightd. Empty: rooms.sqlite under --data")                        \

@@ -371,8 +371,8 @@ int load_order_bake(struct load *load, struct model *m, char error[256])
     if (!job) {
         if (jobs_full(server->jobs)) {
             code = RELIGHT__ERROR_CODE__ERROR_BUSY;
-            snprintf(error, 256, "%u bakes wait already (--bake-queue)",
-                     jobs_open(server->jobs));
+            snprintf(error, 256, "%llu bakes wait already (--bake-queue)",
+                     (unsigned long long)server->options.bake_queue);
         }
         give_job_back(server, b->owner);
         drop_baking(b);

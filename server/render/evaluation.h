@@ -197,6 +197,21 @@ struct refinement {
     float (*mean)[3];
 };
 struct refinement *refinement_create(void);
+/* ---- walk_ratio.c: struct walk_ratio ---- */
+
+struct walk_ratio {
+    struct prt_walk_ratio *ratio;
+    struct prt_walk_ratio_report report;
+};
+/* The ratio by which pictures of a shape are scaled with these media (NULL: the shape's own),
+ * ready, with a reference for the caller. Where it is not there yet it is computed in the
+ * background, one of a shape at a time, and the last one of the shape, of other media, holds
+ * until then (*other); NULL: there is none. Vertices that moved keep the ratio of the file's.
+ */
+struct cache_entry *walk_ratio_get(struct model *model, const struct render_spec *spec,
+                                   struct cache_entry *shape, struct cache_entry *media,
+                                   bool *other);
+
 void refinement_release(struct refinement *refinement);
 double refinement_error(const struct refinement *refinement);
 int refinement_add(struct refinement *refinement, const struct screen_radiance *radiance);

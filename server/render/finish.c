@@ -122,13 +122,28 @@ static int shade(const struct render *r, const struct prt_context *ctx, struct p
     if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) shade.leave_out = PRT_LOOK_ALL;
     if (*r->spec.map[0]) shade.leave_out |= PRT_LOOK_BASE; // uploaded maps replace the file's
     if (*r->spec.map[1] || *r->spec.map[2]) shade.leave_out |= PRT_LOOK_NORMAL;
+// Shades the radiance of an image-space engine, scaled by the walk ratio where there is one.
+static int shade_points(const struct render *r, const struct prt_context *ctx,
+                        const struct prt_shade *shade, struct prt_image *image)
+{
+    const struct prt_visibility *visibility = r->visibility.entry->value;
+    const bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
+    const struct walk_ratio *w = r->ratio ? r->ratio->value : NULL;
+    const float(*rgb)[3];
+    int status = point_radiance(r, &rgb);
+    if (status || r->spec.quiet) return status;
+    if (!w) return prt_shade_points(ctx, visibility, rgb, shade, image);
+    float(*scaled)[3] = NULL;
+    status = prt_walk_ratio_scale(ctx, w->ratio, total ? PRT_WALK_ALL : PRT_WALK_MULTIPLE,
+                                  visibility, rgb, &scaled);
+    if (!status)
+        status = prt_shade_points(ctx, visibility, (const float(*)[3])scaled, shade, image);
+    prt_free(scaled);
+    return status;
+}
+
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
-    if (r->screen) {
-        const float(*rgb)[3];
-        int status = point_radiance(r, &rgb);
-        if (status || r->spec.quiet) return status;
-        return prt_shade_points(ctx, r->visibility.entry->value, rgb, &shade, image);
-    }
+    if (r->screen) return shade_points(r, ctx, &shade, image);
     struct vertex_values *mixed = r->faded ? mixed_values(r) : NULL;
     const struct vertex_values *v = mixed ? mixed : r->vertex_values[0].entry->value;
     shade.n_plane = v->n_plane;
@@ -240,6 +255,17 @@ static void set_draft_result(struct render *r)
     out->draft = true;
     out->converged = false; // the bake's answer follows
     out->bake_fraction = m->state == RELIGHT__MODEL_STATE__MODEL_READY ? 1
+// What the walk ratio is and how well it is known.
+static void note_ratio(const struct render *r, char note[120])
+{
+    const struct walk_ratio *w = r->ratio ? r->ratio->value : NULL;
+    const size_t n = strlen(note);
+    if (!w) return;
+    snprintf(note + n, 120 - n, "%sscaled to walks%s: %.2g to %.2g, error %.1f %%",
+             n ? "; " : "", r->ratio_of_other ? " of the medium before" : "", w->report.least,
+             w->report.most, 100 * w->report.standard_error);
+}
+
                          : m->job ? (float)job_fraction(m->job)
                                   : 0;
     snprintf(out->note, sizeof out->note, "draft: the bake is at %.0f %%",
@@ -251,6 +277,7 @@ static void set_faded_result(struct render *r)
 {
     struct render_result *out = &r->result;
     const float w = r->spec.fade;
+    note_ratio(r, out->note);
     out->draft = true;
     out->converged = false;
     out->bake_fraction = 1;

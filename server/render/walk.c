@@ -57,6 +57,7 @@ void render_release(struct render *r)
         &r->map[2],     &r->encoded,  &r->floor};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) release(&one[i]->entry);
     release(&r->faded);
+    release(&r->ratio);
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
         release(&r->env[i].entry);
         release(&r->light[i].entry);
@@ -310,8 +311,8 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
         snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->key,
                  (unsigned long long)r->generation, media, light->key);
     else
-        snprintf(key, sizeof key, "%s/%llu/%s%u,%u/%d/%s/%s/%s%s", r->model->key,
-                 (unsigned long long)r->generation,
+        snprintf(key, sizeof key, "%s/%llu/%s%s%u,%u/%d/%s/%s/%s%s", r->model->key,
+                 (unsigned long long)r->generation, query->exits ? "exits," : "",
                  s->picture             ? "planes"
                  : query->most_apart    ? "parts"
                  : !query->coefficients ? "colors"
@@ -481,6 +482,9 @@ static void step_radiance(struct render *r)
     if (r->screen) {
         depend_on_screen(r);
         return;
+        if (r->spec.term != RELIGHT__TERM__TERM_IRRADIANCE)
+            r->ratio = walk_ratio_get(r->model, &r->spec, r->shape.entry, r->media.entry,
+                                      &r->ratio_of_other);
     }
     fade(r);
     struct vertex_query query;

@@ -63,6 +63,9 @@ struct render {
     float faded_error;                 /* their error bound */
     struct dependency encoded;         /* one plane of colours that are not float */
     struct dependency screen_radiance; /* with `screen` */
+    struct cache_entry *ratio;         /* held and ready: it is scaled by this one; or NULL */
+    bool ratio_of_other;               /* it is of the media before, until theirs is there */
+    struct dependency coarse;          /* order of the vertices; NULL: colours of all */
     struct dependency visibility, specular, background, floor, map[3];
     struct prt_camera camera;
     uint64_t start_ns;

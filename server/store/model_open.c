@@ -78,6 +78,11 @@ void model_set_state(struct model *m, int state)
 void model_changed(struct model *m)
 {
     if (!m->gone) model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, "");
+    model_wake(m);
+}
+
+void model_wake(struct model *m)
+{
     // A call may end other watchers or itself: each is looked up again by its number.
     for (unsigned i = 0;; i++) {
         struct model_watcher *w = m->watcher;

@@ -168,6 +168,7 @@ void model_unwatch(struct model *model, struct model_watcher *watcher);
 void model_changed(struct model *model);
 /* Publishes an event of this Relight__EventKind about the model; model_changed, model_add,
  * model_set_state and the removal of a model do so themselves. before: the id of the version
+void model_wake(struct model *model); /* its watchers alone: a picture of it would differ */
  * that it replaces, "" otherwise. */
 void model_publish(const struct model *model, int kind, const char *before);
 /* Sets `state` and publishes the change. */

@@ -22,7 +22,7 @@ def pictures(load, name):
         pose = poses[moment] = relight('pose', name, load, '--animation', 'bend', '--time', moment).stdout.strip()
         expect(len(pose) == 64, 'a pose: ' + pose)
         relight('image', name, *LIT, '--pose', pose, '-o', 'got.png')
-        prt('image', load, *LIT, '--size-mm', '20', '--material', 'skin1', '--animation', 'bend', '--time',
+        prt('image', load, *LIT, '--scattering', 'dipole', '--size-mm', '20', '--material', 'skin1', '--animation', 'bend', '--time',
             moment, '-o', 'want.png', '--quiet')
         prt('compare', 'got.png', 'want.png', '--max-rmse', '0.05')
     prt('compare', 'got.png', 'want.png')

@@ -121,8 +121,9 @@ static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
                             "--listen",
                             d->address,
                             "--listen",
-                            "tcp:127.0.0.1:0"};
-    int n = 9;
+                            "tcp:127.0.0.1:0",
+                            "--preview-walks=no"}; // pictures that do not change by themselves
+    int n = 10;
     char rooms[300];
     daemon_database(d, rooms);
     if (rooms[0]) {

@@ -44,7 +44,7 @@ same() { python3 "$here/picture_difference.py" "$1" "$2" 0 || fail "$1 is not $2
 printf 'v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n' >small.obj
 printf 'f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n' >>small.obj
 : >log
-"$bin/relightd" --data "$dir/data" --models "$dir" --listen "unix:$dir/s" 2>>log &
+"$bin/relightd" --preview-walks=no --data "$dir/data" --models "$dir" --listen "unix:$dir/s" 2>>log &
 daemon=$!
 for _ in $(seq 1200); do
     grep -q ' start version' log && break

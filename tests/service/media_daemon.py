@@ -18,11 +18,17 @@ import candle  # noqa: E402
 from programs import daemon, expect, main, prt, relight, run, same  # noqa: E402
 
 LIT = ['--env', 'constant', '--rotate', '30']
+DIPOLE = ['--engine', 'texture', '--scattering', 'dipole']
 PICTURE = [*LIT, '--size', '96x72']
 # of the index of the bake's wax and holder
 GREEN = '{"name":"green","sigma_s_prime":[1,2,1],"sigma_a":[0.1,0.01,0.1],"g":0.2,"eta":1.5,"roughness":0.1}'
 # a profile is parsed by a worker
 CURVE = '{"name":"curve","profile":"burley","albedo":[0.8,0.7,0.6],"mean_free_path":[1.5,1.2,1],"eta":1.3}'
+
+
+def dipole(words):
+    """The same options, of prt: its image-space engines scale to walks, this daemon's do not."""
+    return [*words, '--scattering', 'dipole'] if '--engine' in words else words
 
 
 def rows(path):
@@ -46,7 +52,7 @@ def one_bake():
     relight('image', 'fixed', *PICTURE, '-o', 'got.png')
     same('got.png', 'want.png', 0.02)
     # image-space engines draw with the bake's media, too
-    prt('image', 'models/fixed.prt', *PICTURE, '--engine', 'texture', '-o', 'want.png')
+    prt('image', 'models/fixed.prt', *PICTURE, *DIPOLE, '-o', 'want.png')
     relight('image', 'fixed', *PICTURE, '--engine', 'texture', '-o', 'got.png')
     same('got.png', 'want.png', 0.05)
     for words in ('skin1', 'wax=skin1'):
@@ -82,7 +88,7 @@ def maps():
 def pictures():
     for engine, most in (('joint', 0.01), ('texture', 0.02), ('splat', 0.02)):
         own = ['--engine', engine] if engine != 'joint' else []
-        prt('image', 'models/open.prt', *PICTURE, *own, *material('wax=' + GREEN), '-o', 'want.png')
+        prt('image', 'models/open.prt', *PICTURE, *dipole(own), *material('wax=' + GREEN), '-o', 'want.png')
         relight('image', 'open', *PICTURE, *own, *material('wax=' + GREEN), '-o', 'got.png')
         same('got.png', 'want.png', most)
         relight('image', 'open', *PICTURE, *own, '-o', 'plain.png')
@@ -122,7 +128,7 @@ def floors():
     """The shadow on the floor is prt's, on a background and as alpha, under baked and image-space engines."""
     for words, ending in ((['--background', '0.5,0.5,0.5'], 'png'), (['--background', 'transparent'], 'exr'),
                           (['--background', '0.5,0.5,0.5', '--engine', 'texture'], 'png')):
-        prt('image', 'models/open.prt', *PICTURE, *words, '--floor', '-o', 'want.' + ending)
+        prt('image', 'models/open.prt', *PICTURE, *dipole(words), '--floor', '-o', 'want.' + ending)
         relight('image', 'open', *PICTURE, *words, '--floor', '-o', 'got.' + ending)
         same('got.' + ending, 'want.' + ending, 0.02)
         relight('image', 'open', *PICTURE, *words, '-o', 'bare.' + ending)
@@ -227,13 +233,12 @@ def loads():
     expect(names == {('candle', 'wax'): 'green', ('pair', 'wax'): 'green', ('pair', 'holder'): 'skin1',
                      ('foot', 'holder'): 'ketchup'}, 'media by object: %s' % names)
     relight('load', 'candle.gltf', '--name', 'sketch', *material('wax=' + GREEN), '--preview')
-    prt('image', 'candle.gltf', *PICTURE, '--engine', 'texture', *material('wax=' + GREEN, 'marble'), '-o',
-        'want.png')
+    prt('image', 'candle.gltf', *PICTURE, *DIPOLE, *material('wax=' + GREEN, 'marble'), '-o', 'want.png')
     relight('image', 'sketch', *PICTURE, '-o', 'got.png', '--engine', 'texture')
     same('got.png', 'want.png', 0.05)  # the wrong medium: 0.21
     # an edit of a preview
-    prt('image', 'candle.gltf', *PICTURE, '--engine', 'texture', *material('wax=' + GREEN, 'holder=ketchup'),
-        '-o', 'want.png')
+    prt('image', 'candle.gltf', *PICTURE, *DIPOLE, *material('wax=' + GREEN, 'holder=ketchup'), '-o',
+        'want.png')
     relight('image', 'sketch', *PICTURE, '-o', 'got.png', '--engine', 'texture', *material('holder=ketchup'))
     same('got.png', 'want.png', 0.05)  # the wrong medium: 0.21
     said = relight('load', 'candle.gltf', '--name', 'bad', *material('w/x=marble'), status=2).said

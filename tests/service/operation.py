@@ -97,6 +97,8 @@ def metrics_have_the_format(d):
     kinds, seen = check_exposition(d.ask("GET", "/metrics")[2].decode())
     assert metrics['relightd_requests_total{operation="image",outcome="ok"}'] == 1
     assert metrics['relightd_requests_total{operation="info",outcome="not_found"}'] == 1
+    subprocess.run([sys.argv[1] + "/relight", "-s", "unix:" + d.folder + "/s", "ping"], check=True, capture_output=True)
+    assert d.metrics()['relightd_requests_total{operation="hello",outcome="ok"}'] == 1
     assert metrics['relightd_bakes_total{outcome="done"}'] == 1
     assert metrics['relightd_carrier_connections_total{carrier="http"}'] >= 4
     for name in ("request_seconds", "queue_seconds", "compute_seconds", "batch_size"):

@@ -61,7 +61,7 @@ awk -v rings=24 -v n=36 'BEGIN {
 
 export RELIGHT_SERVER=unix:$dir/d.sock
 mkdir data
-PATH=$bin:$PATH "$bin/relightd" --data data --listen "$RELIGHT_SERVER" >daemon.log 2>&1 &
+PATH=$bin:$PATH "$bin/relightd" --preview-walks=no --data data --listen "$RELIGHT_SERVER" >daemon.log 2>&1 &
 daemon=$!
 for _ in $(seq 600); do
     "$bin/relight" ping >/dev/null 2>&1 && break
@@ -97,7 +97,18 @@ for how in "" "--rotate 70 --camera 0,1,4:0,0,0 --background 0,0,0"; do
     expect 0 relight-preview ball --env sky.hdr --size 160x120 $how --format f32 -o client.exr
     same client.exr daemon.exr 0.005
 done
-# an anisotropic medium: colours are of each camera
+# planes of exit: the daemon's pictures towards each eye are the client's, and differ from those of
+# a bake without them
+echo '{"sigma_s_prime":[0.5,0.5,0.5],"sigma_a":[0.02,0.05,0.1],"eta":1.3}' >thin.json
+for more in "" --exit-planes; do
+    expect 0 relight load ball.obj --size-mm 20 --material thin.json --samples 4000 --cube 16 --wait --name "thin$more" $more
+    expect 0 relight image "thin$more" --env sky.hdr --size 160x120 --camera 4,1,0:0,0,0 -o "daemon$more.exr"
+    expect 0 relight-preview "thin$more" --env sky.hdr --size 160x120 --camera 0,1,4:0,0,0 --frames 4 --format rgb9e5 \
+        -o client.exr
+    same client-001.exr "daemon$more.exr" 0.005
+done
+"$bin/prt" compare daemon.exr daemon--exit-planes.exr --max-rmse 0.01 >out 2>&1 && fail "planes of exit change nothing"
+# an anisotropic medium: its colours depend on the camera
 echo '{"name":"forward","sigma_s_prime":[1,1,1],"sigma_a":[0.05,0.05,0.05],"g":[0.7,0.7,0.7],
     "eta":1.3}' >forward.json
 expect 0 relight load ball.obj --size-mm 20 --material forward.json --samples 4000 --cube 16 --wait --name forward
@@ -164,7 +175,7 @@ expect 0 relight image draft --env sky.hdr --size 160x120 -o draft.exr --json
 grep -q '"engine":"\(splat\|tangent\|texture\|hybrid\)".*"note":"preview' out || fail "no image-space engine"
 grep -q '"error_bound":0\.' out || fail "no expected error"
 expect 0 relight image draft --env sky.hdr --size 160x120 --engine hybrid --background 0,0,0 -o draft.exr
-expect 0 prt image ball.obj --size-mm 20 --material marble --engine hybrid --env sky.hdr \
+expect 0 prt image ball.obj --size-mm 20 --material marble --engine hybrid --scattering dipole --env sky.hdr \
     --size 160x120 --background 0,0,0 -o own.exr
 same draft.exr own.exr 0.03
 expect 1 relight colors draft --env sky.hdr -o x.csv

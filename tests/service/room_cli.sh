@@ -35,7 +35,7 @@ expect() { # STATUS ARGUMENTS...
 says() { grep -q -- "$1" out err || fail "no \"$1\" in: $(cat out err)"; }
 start() {
     : >log
-    "$bin/relightd" --data "$dir/data" --models "$dir" --listen "unix:$dir/s" "$@" 2>>log &
+    "$bin/relightd" --preview-walks=no --data "$dir/data" --models "$dir" --listen "unix:$dir/s" "$@" 2>>log &
     daemon=$!
     for _ in $(seq 1200); do
         grep -q ' start version' log && return

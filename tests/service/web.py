@@ -37,7 +37,7 @@ class Daemon:
         self.process = subprocess.Popen(
             [self.binaries + "/relightd", "--data", self.folder + "/data", "--models",
              self.folder + "/models", "--listen", "unix:" + self.folder + "/s",
-             "--http", "127.0.0.1:0", *self.options],
+             "--http", "127.0.0.1:0", "--preview-walks=no", *self.options],
             stderr=log, env={**os.environ, **(self.environment or {})})
         log.close()
         formats = " ".join(self.options)

@@ -25,6 +25,7 @@ static void destroy_shape(void *value)
     struct shape *s = value;
     for (int i = 0; i < SHAPE_SLOTS; i++) prt_screen_destroy(s->slot[i].screen);
     if (s->scene) prt_scene_destroy(s->scene);
+    cache_release(s->ratio);
     pthread_mutex_destroy(&s->lock);
     prt_free(s->normal);
     prt_variant_destroy(s->variant);

@@ -45,6 +45,8 @@ struct shape {
     pthread_mutex_t lock;          /* guards creating `scene` */
     struct prt_scene *scene;
     struct screen_slot slot[SHAPE_SLOTS];
+    struct cache_entry *ratio; /* held: the last walk ratio of walk_ratio.c; NULL: none yet */
+    bool ratio_runs, ratio_failed; /* one is computed; none can be */
 };
 /* The model's current geometry, with a reference for the caller; value is a struct shape. pose:
  * a named one of the model; NULL: none. variant: as Shade.variant, "" for none; the entry fails

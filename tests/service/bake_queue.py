@@ -1,0 +1,42 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""--bake-queue bakes wait or run and one more is refused; a cancelled one leaves its place, waiting or
+running, and the next takes it.
+
+   tests/service/bake_queue.py BIN"""
+import json
+import os
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
+from programs import daemon, expect, main, relight  # noqa: E402
+from textured_ball import glb  # noqa: E402
+
+PLACES = 3
+
+
+def load(name, status=0):
+    done = relight('load', 'ball.glb', '--size-mm', '20', '--material', 'marble', '--name', name, '--no-draft',
+                   '--samples', '2000000', '--seed', str(len(name)), '--json', status=status)
+    return done.said if status else json.loads(done.stdout)['job']
+
+
+def places():
+    glb('ball.glb', [], {})
+    with daemon('--data', 'data', '--bakes', '1', '--bake-queue', str(PLACES)):
+        jobs = [load('x' * (i + 1)) for i in range(PLACES)]
+        for round_ in range(PLACES + 1):
+            said = load('refused', status=1)
+            expect("daemon's limit of %d (--bake-queue)" % PLACES in said, 'one too many: ' + said)
+            relight('cancel', jobs.pop(-1))  # waits
+            jobs.append(load('y' * (10 + round_)))
+        for round_ in range(2):
+            relight('cancel', jobs[0])  # runs
+            relight('watch', jobs.pop(0), status=1)  # until it has ended
+            jobs.append(load('z' * (20 + round_)))
+        load('refused', status=1)
+        for job in jobs[::-1]:
+            relight('cancel', job)
+
+
+main(places)
