@@ -168,8 +168,8 @@ static const struct row {
     {'H', "phase-terms", "1|4|9", WHOLE, AT(load.bake.phase_terms), 1, UINT32_MAX, NULL, 0,
      "spherical-harmonic terms of the phase function"},
     {'9', "exit-planes", NULL, FLAG, AT(load.bake.exit_planes), 0, 0, NULL, 0,
-     "add nine planes that correct single scattering towards an eye; pages and relight-preview do "
-     "not draw them"},
+     "add nine planes that correct single scattering towards an eye; frames of coefficients grow to "
+     "three times their size"},
     {'d', "seed", "N", SPECIAL, 0, 0, 0, NULL, 0, "seed of the bake's random numbers"},
     {'O', "opaque", "NAME", SPECIAL, 0, 0, 0, NULL, 0,
      "a material or node that is opaque; may repeat"},

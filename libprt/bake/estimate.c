@@ -33,7 +33,7 @@ enum { TRAIN_REFLECTANCE = 28, TRAIN_EXTINCTION = 10 };
 static const double PROGRAM = 46e6; // code and data of the program and its libraries
 static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
 static const double MARGIN = 1.1;
-enum { EXIT_SUPPORTS = 3000, EXIT_LIGHT = 6 * 8 * 8 }; // of view.c
+enum { EXIT_SUPPORTS = 9000, EXIT_LIGHT = 6 * 8 * 8 }; // of view.c
 
 int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {

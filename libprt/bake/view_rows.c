@@ -10,8 +10,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_BASE = 16 };         // planes of -n_o
-static const uint32_t nodes = 5; // depths of a path
+enum { MOST_BASE = 16 };                          // planes of -n_o
+static const uint32_t nodes = 7, draft_nodes = 5; // depths of a path
+static const float never = 1e9f, differ = .1f,
+                   uncertain = .3f; // thresholds of blocks; chosen by METHODS §3.6
 
 struct view_bake {
     struct bake *b;
@@ -28,8 +30,8 @@ struct view_bake {
 
 // ---- plans
 
-// Tiles of 4 x 4 texels take one ray each: their noise is averaged over directions and
-// supports.
+// Tiles of 4 x 4 texels take one ray each, or four where they differ from their neighbours; a
+// draft's take one: their noise is averaged over directions and supports.
 static struct single_plan coarse_plan(const struct single_plan *full,
                                       const struct directions *directions, bool draft)
 {
@@ -37,9 +39,11 @@ static struct single_plan coarse_plan(const struct single_plan *full,
     plan.directions = directions;
     plan.n_direction = directions->n_coef;
     plan.every_ray = false;
-    plan.n_node = nodes;
+    plan.n_node = draft ? draft_nodes : nodes;
     if (draft) plan.horizon = NULL; // its rays would outnumber those of a few supports
-    plan.differ = plan.differ_texel = plan.uncertain = 1e9f;
+    plan.differ = draft ? never : differ;
+    plan.uncertain = draft ? never : uncertain;
+    plan.differ_texel = never;
     return plan;
 }
 

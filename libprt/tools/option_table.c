@@ -170,7 +170,7 @@ const struct option_row option_table[] = {
      "leave single scattering out"},
     {"exit-planes", 0, NULL, OPTION_FLAG, AT(exit_planes), 0, 0, NULL, BAKE,
      "add planes that correct single scattering towards an eye (a cow: error 16 -> 6 %, a third "
-     "more time, 4 MB); pages and relight-preview do not draw them"},
+     "more time, 4 MB); a viewer's frames grow to three times their size"},
     {"every-ray", 0, NULL, OPTION_FLAG, AT(every_ray), 0, 0, NULL, BAKE,
      "trace every ray of single scattering, without reuse; for measurements"},
     {"straight", 0, NULL, OPTION_FLAG, AT(straight), 0, 0, NULL, COLORS | IMAGE,
