@@ -15,7 +15,10 @@
 
 static const float Y00 = 0.28209479177387814f; // 1/sqrt(4 pi)
 
-enum { VERTEX_GRAIN = 4096 };
+enum {
+    VERTEX_GRAIN = 4096,
+    SINK_GRAIN = 512, // vertices of a sink's block: 6 kB of colours
+};
 
 struct answer {
     const struct prt_context *ctx;
@@ -28,10 +31,16 @@ struct answer {
     unsigned n_phase; // planes that the tensors fill; the view's correction may need more
     bool view;        // single scattering is corrected for the view (view_correction.c)
     bool exits;       // and gets the planes of exit that the transport has
-    bool apart;       // planes of multiple scattering first, then those of single scattering
-    enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
-    float *planes;                                        // [n_plane][n_vertex][3]
-    unsigned done;                         // bit i: tensor i has been added to the planes
+    bool apart;       // planes of multiple scattering, of single scattering, of exit
+    unsigned n_exit;  // of the planes that are apart
+    enum {
+        ALL_TERMS,
+        ONLY_SINGLE,
+        ALL_BUT_SINGLE,
+        ONLY_EXIT
+    } part;        // of one step of a corrected answer, or of one whose terms are apart
+    float *planes; // [n_plane][n_vertex][3]
+    unsigned done; // bit i: tensor i has been added to the planes
     struct prt_coefficients *coefficients; // in place of planes; NULL: planes
 };
 
@@ -54,8 +63,9 @@ static bool is_wanted(const struct answer *a, const struct prt_tensor *t)
 {
     bool single = t->term == PRT_TERM_SINGLE;
     if (t->term == PRT_TERM_VIEW)
-        return a->exits && a->part == ALL_BUT_SINGLE && is_term(a->query, t);
-    return is_term(a->query, t) && (a->part == ALL_TERMS || (a->part == ONLY_SINGLE) == single);
+        return a->exits && a->part != ONLY_SINGLE && is_term(a->query, t);
+    return is_term(a->query, t) && a->part != ONLY_EXIT &&
+           (a->part == ALL_TERMS || (a->part == ONLY_SINGLE) == single);
 }
 
 // Whether an object has a translucent surface, which its medium is behind.
@@ -470,6 +480,16 @@ static unsigned apart_count(const struct answer *a)
     return n < a->query->most_apart ? n : a->query->most_apart;
 }
 
+unsigned prt_answer_exit_planes(const struct prt_transport *transport,
+                                const struct prt_query *query)
+{
+    const struct prt_media *media = query->media.n ? &query->media : &transport->media;
+    for (uint32_t i = 0; i < transport->n_tensor && query->exits && any_single(media); i++)
+        if (transport->tensor[i].term == PRT_TERM_VIEW && is_term(query, &transport->tensor[i]))
+            return transport->tensor[i].n_phase;
+    return 0;
+}
+
 // toward: the view is known, or the planes are shaded for one later.
 static void answer_init(struct answer *a, const struct prt_context *ctx,
                         const struct prt_transport *transport, const struct prt_query *query,
@@ -483,7 +503,10 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
                          .n_phase = plane_count(transport, query)};
     a->n_plane = a->n_phase;
     a->apart = toward && query->most_apart;
-    if (a->apart) a->n_plane = apart_count(a);
+    if (a->apart) {
+        a->n_exit = prt_answer_exit_planes(transport, query);
+        a->n_plane = apart_count(a) + a->n_exit;
+    }
     for (uint32_t i = 0; i < transport->n_tensor && toward && !a->apart && any_single(a->media);
          i++)
         a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
@@ -673,25 +696,39 @@ static int fill_corrected(struct answer *a, unsigned n)
     return status;
 }
 
+// One step of answers whose terms are kept apart: n_plane planes from `first` on.
+struct apart_step {
+    int part;
+    unsigned first, n_plane;
+};
+
+static struct apart_step apart_step(const struct answer *a, unsigned step)
+{
+    const unsigned rest = a->n_plane - 1 - a->n_exit;
+    return step == 0   ? (struct apart_step){ALL_BUT_SINGLE, 0, 1}
+           : step == 1 ? (struct apart_step){ONLY_SINGLE, 1, rest}
+                       : (struct apart_step){ONLY_EXIT, 1 + rest, a->n_exit};
+}
+
 // Answers whose terms are kept apart.
 static int fill_apart(struct answer *a, unsigned n)
 {
-    struct answer part[PRT_RELIGHT_MAX_LIGHTS];
-    unsigned m = 0;
-    for (unsigned i = 0; i < n; i++) {
-        part[i] = a[i];
-        part[i].part = ALL_BUT_SINGLE;
-        part[i].n_plane = 1;
+    int status = PRT_OK;
+    for (unsigned step = 0; step < 3 && !status; step++) {
+        struct answer part[PRT_RELIGHT_MAX_LIGHTS];
+        unsigned m = 0;
+        for (unsigned i = 0; i < n; i++) {
+            const struct apart_step now = apart_step(&a[i], step);
+            if (!now.n_plane) continue;
+            part[m] = a[i];
+            part[m].part = now.part;
+            part[m].exits = now.part == ONLY_EXIT;
+            part[m].n_plane = now.n_plane;
+            part[m++].planes = a[i].planes + 3 * now.first * a[i].n_vertex;
+        }
+        if (m) status = fill_many(part, m);
     }
-    int status = fill_many(part, n);
-    for (unsigned i = 0; i < n; i++) {
-        if (a[i].n_plane < 2) continue;
-        part[m] = a[i];
-        part[m].part = ONLY_SINGLE;
-        part[m].n_plane = a[i].n_plane - 1;
-        part[m++].planes = a[i].planes + 3 * a[i].n_vertex;
-    }
-    return status || !m ? status : fill_many(part, m);
+    return status;
 }
 
 static int fill_answers(struct answer *a, unsigned n)
@@ -723,7 +760,6 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 
 struct shade_job {
     const struct answer *a;
-    float (*color)[3];
     // of each medium: the divisor of the exit, and outgoing transmittance without an eye over
     // it
     double divisor[PRT_MEDIA_MAX];
@@ -769,33 +805,35 @@ static void shade_vertex(const struct shade_job *job, size_t v, uint32_t medium,
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
 
-// Shades the vertices of one block. Without an eye only plane 0 (l = 0) is used. The colours
-// may overwrite plane 0. gain: factors of an opaque block's channels; NULL: 1.
+// Shades vertices [begin_v, end) of one block. Without an eye only plane 0 (l = 0) is used.
+// out[0] is vertex begin_v's colour; it may be its plane 0. gain: factors of an opaque block's
+// channels; NULL: 1.
 static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
-                        uint32_t object, bool translucent, const float *gain)
+                        uint32_t object, bool translucent, const float *gain, float (*out)[3])
 {
     const struct answer *a = job->a;
     const bool total = a->query->term == PRT_ANSWER_TOTAL;
-    const float *plane = a->planes;
-    float *color = job->color[0];
+    const float *plane = a->planes + 3 * begin_v;
+    float *color = out[0];
     const bool seen = total || a->query->term == PRT_ANSWER_SINGLE;
     if (a->query->eye && translucent && seen) {
         const uint32_t medium = prt_media_index(a->media, object);
-        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, medium, job->color[v]);
+        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, medium, out[v - begin_v]);
         return;
     }
     const float transmittance =
         translucent && total ? job->mean[prt_media_index(a->media, object)] : 1;
-    for (size_t i = 3 * begin_v; i < 3 * end; i++) {
+    const size_t n = 3 * (end - begin_v);
+    for (size_t i = 0; i < n; i++) {
         const float x = plane[i] * transmittance;
         color[i] = x > 0 ? x : 0;
     }
-    for (size_t i = 3 * begin_v; gain && !translucent && i < 3 * end; i++)
-        color[i] *= gain[i % 3];
+    for (size_t i = 0; gain && !translucent && i < n; i++) color[i] *= gain[i % 3];
 }
 
-// Shades vertices [begin_v, end). Blocks partition the vertices in order.
-static void shade_vertices(const struct shade_job *job, size_t begin_v, size_t end)
+// Shades vertices [begin_v, end) to out[0] and on. Blocks partition the vertices in order.
+static void shade_vertices(const struct shade_job *job, size_t begin_v, size_t end,
+                           float (*out)[3])
 {
     const struct prt_mesh *mesh = &job->a->transport->mesh;
     const float(*gain)[3] = job->a->query->gain;
@@ -805,14 +843,14 @@ static void shade_vertices(const struct shade_job *job, size_t begin_v, size_t e
         const size_t stop = b->vertex_begin + (size_t)b->n_vertex;
         if (from < end && from < stop)
             shade_block(job, from, stop < end ? stop : end, b->object,
-                        mesh->surface[b->surface].translucent, gain ? gain[i] : NULL);
+                        mesh->surface[b->surface].translucent, gain ? gain[i] : NULL,
+                        out + (from - begin_v));
     }
 }
 
-static void shade_job_init(struct shade_job *job, const struct answer *a, float *color)
+static void shade_job_init(struct shade_job *job, const struct answer *a)
 {
     job->a = a;
-    job->color = (float(*)[3])color;
     for (uint32_t i = 0; i < a->media->n; i++) {
         const double eta = (double)a->media->medium[i].eta;
         job->divisor[i] = prt_exit_divisor(eta, a->query->exit);
@@ -824,22 +862,34 @@ static void shade_job_init(struct shade_job *job, const struct answer *a, float 
 struct shade_many {
     struct shade_job job[PRT_RELIGHT_MAX_LIGHTS];
     unsigned of[PRT_RELIGHT_MAX_LIGHTS]; // the query of each job
-    size_t n_piece;                      // of one answer
+    float (*out[PRT_RELIGHT_MAX_LIGHTS])[3];
+    size_t n_piece; // of one answer
     const struct prt_colors_sink *sink;
 };
+
+// Colours of a piece go to the sink block by block: they stay in the L1 cache, and the planes
+// behind them are not written.
+static void put_pieces(const struct shade_many *many, size_t k, size_t begin, size_t end)
+{
+    float color[SINK_GRAIN][3];
+    const struct shade_job *job = &many->job[k];
+    for (size_t v = begin, next; v < end; v = next) {
+        next = v + SINK_GRAIN < end ? v + SINK_GRAIN : end;
+        shade_vertices(job, v, next, color);
+        many->sink->put(many->sink->user, job->a->ctx, many->of[k], v, next,
+                        (const float(*)[3])color);
+    }
+}
 
 static int shade_pieces(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct shade_many *many = arg;
     for (size_t i = begin; i < end; i++) {
-        const struct shade_job *job = &many->job[i / many->n_piece];
-        const struct answer *a = job->a;
+        const size_t k = i / many->n_piece, n_vertex = many->job[k].a->n_vertex;
         const size_t from = i % many->n_piece * VERTEX_GRAIN;
-        const size_t stop =
-            from + VERTEX_GRAIN < a->n_vertex ? from + VERTEX_GRAIN : a->n_vertex;
-        shade_vertices(job, from, stop);
-        if (many->sink)
-            many->sink->put(many->sink->user, a->ctx, many->of[i / many->n_piece], from, stop);
+        const size_t stop = from + VERTEX_GRAIN < n_vertex ? from + VERTEX_GRAIN : n_vertex;
+        if (many->sink && many->sink->takes[many->of[k]]) put_pieces(many, k, from, stop);
+        else shade_vertices(&many->job[k], from, stop, many->out[k] + from);
     }
     return PRT_OK;
 }
@@ -853,7 +903,8 @@ static int shade_colors(const struct answer *a, unsigned n, const bool planes[],
     unsigned m = 0;
     for (unsigned i = 0; i < n; i++) {
         if (planes && planes[i]) continue;
-        shade_job_init(&many.job[m], &a[i], out[i]);
+        shade_job_init(&many.job[m], &a[i]);
+        many.out[m] = (float(*)[3])out[i];
         many.of[m++] = i;
     }
     return prt_parallel_for(a->ctx, NULL, m * many.n_piece, 1, shade_pieces, &many);
@@ -938,13 +989,15 @@ int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transp
     int status = check_query(ctx, transport, query);
     if (status) return status;
     answer_init(&a, ctx, transport, query, false);
+    a.exits = query->exits;
     c->n_layer = 0;
     c->n_half = 0;
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
         const struct prt_tensor *t = &transport->tensor[i];
-        const bool single = t->term == PRT_TERM_SINGLE;
+        const bool single = prt_term_is_single(t->term), exit = t->term == PRT_TERM_VIEW;
         if (!is_wanted(&a, t) || (single && !any_single(a.media))) continue;
-        const unsigned planes = single && c->phases && !all_even(a.media) ? t->n_phase : 1;
+        const bool phases = exit || (single && c->phases && !all_even(a.media));
+        const unsigned planes = phases ? t->n_phase : 1;
         status = prt_coefficients_add_layer(ctx, transport, i, planes, c);
     }
     return status;
@@ -963,6 +1016,7 @@ int prt_answer_coefficients(const struct prt_context *ctx,
     for (unsigned i = 0; i < n && !status; i++) {
         status = check_query(ctx, transport, &query[i]);
         answer_init(&a[i], ctx, transport, &query[i], false);
+        a[i].exits = query[i].exits;
         a[i].coefficients = out[i];
     }
     return status ? status : fill_many(a, n);

@@ -3,6 +3,8 @@
 // 600 lines: short cases, each read alone.
 #include "defined_tensors.h"
 
+#include <stdatomic.h>
+
 static int transport_of(struct prt_transport *t, const struct synthetic_options *a,
                         const struct synthetic_options *b)
 {
@@ -120,6 +122,107 @@ static void many_queries_equal_one_by_one(void **state)
         compare_many(&t);
         finish_transport(&t);
     }
+}
+
+// What a sink was given: colours, and how often each vertex came.
+struct taken {
+    float color[MANY][N][3];
+    atomic_int times[MANY][N];
+};
+
+static void take_colors(void *user, const struct prt_context *ctx, unsigned i, size_t begin,
+                        size_t end, const float (*color)[3])
+{
+    struct taken *to = user;
+    memcpy(to->color[i][begin], color, (end - begin) * sizeof *color);
+    for (size_t v = begin; v < end; v++) to->times[i][v]++;
+}
+
+// A sink gets every colour of the queries that it takes once, bit for bit as it is without a
+// sink; other queries' colours stay where they were asked for.
+static void a_sink_takes_each_colour_once(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube[MANY];
+    struct prt_query q[MANY];
+    bool planes[MANY], takes[MANY];
+    float *out[MANY], *want[MANY];
+    struct taken *taken = calloc(1, sizeof *taken);
+    const struct prt_colors_sink sink = {takes, take_colors, taken};
+    transport_of(&t, &kind[0], &kind[1]);
+    ask_many(cube, q, planes);
+    for (int i = 0; i < MANY; i++) {
+        out[i] = malloc((size_t)9 * 12 * N);
+        want[i] = malloc((size_t)9 * 12 * N);
+        takes[i] = !planes[i] && i % 3 < 2;
+    }
+    assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, want, NULL), 0);
+    assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out, &sink), 0);
+    for (int i = 0; i < MANY; i++) {
+        assert_memory_equal(takes[i] ? taken->color[i][0] : out[i], want[i], 12 * N);
+        for (int v = 0; v < N; v++) assert_int_equal(taken->times[i][v], takes[i]);
+        free(out[i]);
+        free(want[i]);
+        prt_cube_finish(&cube[i]);
+    }
+    free(taken);
+    finish_transport(&t);
+}
+
+static void plan_coefficients(const struct prt_transport *t, const struct prt_query *q,
+                              struct prt_coefficients *out)
+{
+    struct prt_context ctx = quiet();
+    *out = (struct prt_coefficients){.phases = true};
+    if (prt_coefficients_plan(&ctx, t, q, out)) fail_msg("%s", last_line);
+    out->half = prt_alloc(out->n_half, 2);
+    memset(out->half, 0xff, 2 * out->n_half);
+}
+
+// Coefficients for as many lights as a pass takes are those for each light alone; none and one
+// more are refused.
+static void coefficients_for_many_lights(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube[MANY];
+    struct prt_query q[MANY];
+    struct prt_coefficients many[MANY], alone, *out[MANY], *one[] = {&alone};
+    bool planes[MANY];
+    struct synthetic_options single = kind[0];
+    single.term = PRT_TERM_SINGLE;
+    transport_of(&t, &kind[0], &single);
+    for (uint32_t k = 0; k < t.mesh.n_surface; k++) t.mesh.surface[k].translucent = true;
+    ask_many(cube, q, planes);
+    for (int i = 0; i < MANY; i++) {
+        q[i].eye = NULL;
+        q[i].term = PRT_ANSWER_TOTAL;
+        plan_coefficients(&t, &q[i], out[i] = &many[i]);
+    }
+    if (prt_answer_coefficients(&ctx, &t, MANY, q, out)) fail_msg("%s", last_line);
+    for (int i = 0; i < MANY; i++) {
+        plan_coefficients(&t, &q[i], &alone);
+        assert_int_equal(prt_answer_coefficients(&ctx, &t, 1, &q[i], one), PRT_OK);
+        assert_int_equal(alone.n_half, many[i].n_half);
+        float most = 0, off = 0;
+        for (size_t k = 0; k < alone.n_half; k++) {
+            const float a = prt_f16_to_f32(alone.half[k]), b = prt_f16_to_f32(many[i].half[k]);
+            most = fmaxf(most, fabsf(a));
+            off = fmaxf(off, fabsf(a - b));
+        }
+        assert_true(most > 0 && off < 2e-3f * most);
+        for (uint32_t k = 0; k < alone.n_layer; k++)
+            assert_float_equal(alone.layer[k].scale, many[i].layer[k].scale, 0);
+        prt_free(alone.half);
+    }
+    assert_int_equal(prt_answer_coefficients(&ctx, &t, 0, q, out), PRT_ARG);
+    assert_int_equal(prt_answer_coefficients(&ctx, &t, MANY + 1, q, out), PRT_ARG);
+    for (int i = 0; i < MANY; i++) {
+        prt_free(many[i].half);
+        prt_cube_finish(&cube[i]);
+    }
+    finish_transport(&t);
 }
 
 // Colours from the first rows of each cluster are those of a transport without the others, bit
@@ -683,6 +786,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(many_queries_equal_one_by_one),
+        cmocka_unit_test(a_sink_takes_each_colour_once),
+        cmocka_unit_test(coefficients_for_many_lights),
         cmocka_unit_test(fewer_rows_are_a_smaller_transport),
         cmocka_unit_test(wrong_queries_are_refused),
         cmocka_unit_test(answers_follow_the_command_contract),

@@ -191,6 +191,85 @@ static double energy_of(const struct prt_tensor *t, const struct prt_rows *rows)
     return all;
 }
 
+// The energies of the entries of one tensor's rows: of each, and of all with the scaling ones.
+static double worths(const struct prt_tensor *t, const struct prt_rows *rows, double *worth)
+{
+    double all = energy_of(t, rows);
+    for (uint32_t c = 0; c < t->n_cluster; c++) {
+        const struct prt_cluster *k = &t->cluster[c];
+        const size_t padded = (k->n_vertex + 15ull) / 16 * 16;
+        const int16_t *u = (const int16_t *)t->u + k->u_begin;
+        for (uint32_t r = 0; r < k->rank; r++) {
+            const uint64_t row = k->row_begin + r, J = rows->n_function;
+            double column = 0;
+            for (size_t v = 0; v < k->n_vertex; v++)
+                column += pow(u[2 * (padded * (r / 2) + v) + r % 2], 2);
+            for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
+                worth[e] = 0;
+                for (uint64_t j = 0; j < J; j++)
+                    worth[e] +=
+                        column *
+                        pow((double)prt_f16_to_f32(((const uint16_t *)rows->entry)[e * J + j]),
+                            2);
+            }
+        }
+    }
+    return all;
+}
+
+// Folding drops entries by their energy: those that go are worth less than those that stay,
+// hold error^2 of all energy at most, and the next quarter octave of entries would hold more.
+// Rows of few entries: the first and the last of a row count as the others do.
+static void the_least_entries_go(void **state)
+{
+    struct prt_context ctx = quiet();
+    for (int k = 0; k < 3; k++) {
+        struct synthetic_options o = kind[4];
+        o.coefs = (uint32_t[]){1, 2, 4}[k];
+        const double error = (double[]){0.3, 0.1, 0.02}[k];
+        struct prt_tensor t;
+        struct prt_rows whole, some;
+        assert_int_equal(synthetic_tensor(&o, &t), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, some_coef(), NULL, 0, &whole), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, some_coef(), NULL, error, &some), 0);
+        const uint64_t n = whole.begin[whole.n_row], J = whole.n_function;
+        double *worth = malloc(sizeof *worth * (n + 1)), gone = 0, next = 0;
+        double all = worths(&t, &whole, worth), least = INFINITY, most = 0;
+        bool *kept = calloc(n + 1, sizeof *kept);
+        for (uint32_t row = 0; row < whole.n_row; row++) { // both ascend in every row
+            uint64_t e = whole.begin[row];
+            for (uint64_t s = some.begin[row]; s < some.begin[row + 1]; s++, e++) {
+                while (e < whole.begin[row + 1] &&
+                       memcmp((const uint16_t *)whole.entry + e * J,
+                              (const uint16_t *)some.entry + s * J, 2 * J))
+                    e++;
+                assert_true(e < whole.begin[row + 1]);
+                kept[e] = true;
+            }
+        }
+        for (uint64_t e = 0; e < n; e++) {
+            if (kept[e]) least = fmin(least, worth[e]);
+            else most = fmax(most, worth[e]), gone += worth[e];
+        }
+        for (uint64_t e = 0; e < n; e++)
+            next += kept[e] && worth[e] < 1.25 * least ? worth[e] : 0;
+        print_message(
+            "%llu of %llu entries dropped: %.5f of the energy, allowed %.5f, with the "
+            "next %.5f\n",
+            (unsigned long long)(n - some.begin[some.n_row]), (unsigned long long)n, gone / all,
+            error * error, (gone + next) / all);
+        assert_true(n > some.begin[some.n_row] && some.begin[some.n_row] > 0);
+        assert_true(most <= least * 1.0001);
+        assert_true(gone <= error * error * all * 1.0001);
+        assert_true(gone + next >= error * error * all);
+        free(worth);
+        free(kept);
+        prt_rows_finish(&whole);
+        prt_rows_finish(&some);
+        synthetic_tensor_finish(&t);
+    }
+}
+
 // Entries that folding drops hold error^2 of the energy at most, and most of that.
 static void dropped_entries_hold_little(void **state)
 {
@@ -249,6 +328,7 @@ int main(void)
         cmocka_unit_test(threads_change_no_bit),
         cmocka_unit_test(material_and_light_commute),
         cmocka_unit_test(dropped_entries_hold_little),
+        cmocka_unit_test(the_least_entries_go),
         cmocka_unit_test(wrong_calls_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -240,6 +240,18 @@ bool prt_mesh_cameras_ok(const struct prt_mesh *mesh);
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
 /* [n_vertex] block index of each vertex; NULL without memory; the caller prt_free()s. */
 uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh);
+/* The vertices in an order whose prefixes, down to n_root, are coarser sets of them. What is
+ * left out of a prefix is the mean of its two parents, which come before it in the order. A
+ * block's vertices have parents of that block. */
+struct prt_coarse_order {
+    uint32_t n, n_root;
+    uint32_t *vertex;      /* [n] the vertex at each position */
+    uint32_t (*parent)[2]; /* [n] positions before the own one; of the first n_root their own */
+};
+/* Deterministic. PRT_NOMEM. Finish with prt_coarse_order_finish. */
+int prt_coarse_order_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                            struct prt_coarse_order *out);
+void prt_coarse_order_finish(struct prt_coarse_order *order);
 /* Writes the mesh with linear RGB colours [n_vertex][3] as binary .ply or .glb (COLOR_0 float),
  * in the model's own units. PRT_ARG for another ending, PRT_LIMIT (a GLB above 4 GiB), PRT_IO,
  * PRT_NOMEM. */

@@ -165,6 +165,10 @@ struct prt_query {
      * its planes to be multiplied by Y_k(w_o'), before prt_view_correct. Media that scatter
      * evenly have no plane behind the second, and PRT_ANSWER_MULTIPLE has the first alone. */
     unsigned most_apart;
+    /* Planes that are kept apart, and coefficients: with the planes of exit (METHODS §3.6) of a
+     * bake that has them, behind the others. Plane 0 of them is times Y_00. Colours with an eye
+     * and planes that are not kept apart always have them. */
+    bool exits;
     const float (*gain)[3]; /* [n_block] factors of the opaque blocks' colours (prt/variant.h);
                              * NULL: 1. Planes that are not kept apart, and coefficients, are
                              * without them; prt_answer_many alone has them in planes */
@@ -188,13 +192,21 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes);
 
-/* Takes colours that are final, while they are in the cache: put() is called for vertices
- * [begin, end) of query i, on any thread of the call, for several ranges at once. */
+/* Takes the colours of the queries i with takes[i], while they are in the cache: put() is
+ * called with vertices [begin, end) of query i, color[0] being vertex begin's, on any thread of
+ * the call, for several ranges at once. out[i] of such a query is room for the call's own use.
+ */
 struct prt_colors_sink {
-    void (*put)(void *user, const struct prt_context *ctx, unsigned i, size_t begin,
-                size_t end);
+    const bool *takes;
+    void (*put)(void *user, const struct prt_context *ctx, unsigned i, size_t begin, size_t end,
+                const float (*color)[3]);
     void *user;
 };
+
+/* Planes of exit of a query that sets `exits`: 9, or 0 where the bake, the term or the media
+ * have none. Thread-safe. */
+unsigned prt_answer_exit_planes(const struct prt_transport *transport,
+                                const struct prt_query *query);
 
 /* n queries, n in [1, PRT_RELIGHT_MAX_LIGHTS], in one pass over the transport where they differ
  * only in their lights. out[i]: colours [n_vertex][3], or, where planes[i], prt_answer_planes'
@@ -236,7 +248,8 @@ int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transp
  *     value[k][v] = sum over layers with a plane k of sum_r U[v][r] b[r][k],
  * plane 0 of the layers of all terms together is prt_answer_planes' plane 0 of a view-less
  * query, and planes k > 0 are single scattering's, to be multiplied by Y_k(w_o'); both before
- * prt_view_correct, which the viewer replaces by the factor of prt_view_slope. */
+ * prt_view_correct, which the viewer replaces by the factor of prt_view_slope. Layers of
+ * PRT_TERM_VIEW (query->exits) are added behind that factor, each plane times its Y_k. */
 int prt_answer_coefficients(const struct prt_context *ctx,
                             const struct prt_transport *transport, unsigned n,
                             const struct prt_query query[],
