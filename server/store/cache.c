@@ -230,6 +230,24 @@ void cache_admission_end(struct cache *cache, struct cache_admission *a)
     admit_next(cache);
 }
 
+void cache_charge(struct cache *cache, size_t bytes)
+{
+    cache->counts.bytes += bytes;
+    keep_budget(cache);
+}
+
+void cache_discharge(struct cache *cache, size_t bytes)
+{
+    assert(cache->counts.bytes >= bytes);
+    cache->counts.bytes -= bytes;
+    admit_next(cache);
+}
+
+size_t cache_budget(const struct cache *cache)
+{
+    return cache->budget;
+}
+
 void cache_hold_files(struct cache *holders, struct cache *files)
 {
     holders->files = files;

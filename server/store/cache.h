@@ -92,6 +92,12 @@ void cache_admit(struct cache *cache, struct cache_admission *admission);
 /* After cache_fill or cache_fail. */
 void cache_admission_end(struct cache *cache, struct cache_admission *admission);
 
+/* Memory of the workers that is no entry's counts towards the budget, too, from cache_charge
+ * until cache_discharge: entries that nobody holds make room for it. */
+void cache_charge(struct cache *cache, size_t bytes);
+void cache_discharge(struct cache *cache, size_t bytes);
+size_t cache_budget(const struct cache *cache);
+
 struct cache_counts {
     uint64_t hits, misses, evictions;
     size_t bytes, entries;

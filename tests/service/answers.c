@@ -208,6 +208,40 @@ static void test_bakes_keep_their_order(void **state)
     end_client(client);
 }
 
+// The floats behind encoded colours are within --cache: where it is small, a pass has few
+// lights (an eighth of 4,000 bytes is room for six octahedra of six vertices). Both daemons
+// answer the same bytes.
+static void test_passes_within_the_cache(void **state)
+{
+    enum { N = 40, MOST = 500 / (3 * 4 * OCTAHEDRON_VERTICES) };
+    static const char *const cache[] = {"--cache", "4000", NULL}, *const large[] = {NULL};
+    uint32_t answer[2][N][OCTAHEDRON_VERTICES];
+    for (int small = 0; small < 2; small++) {
+        struct relight_client *client = begin_client(small ? cache : large);
+        struct relight_error error;
+        char model[ID_SIZE];
+        uint64_t id[N];
+        bake_small(client, &d, model);
+        for (int i = 0; i < N; i++) {
+            char env[40];
+            snprintf(env, sizeof env, "constant:%d,1,2", i + 100);
+            struct relight_light light = {.env = env};
+            struct relight_colors_request c = {
+                .model = model, .n_light = 1, .lights = &light, .format = RELIGHT_COLOR_RGB9E5};
+            OK(relight_colors_begin(client, &c, 0, &id[i], &error));
+        }
+        for (int i = 0; i < N; i++) {
+            struct relight_colors colors;
+            OK(relight_colors_end(client, id[i], &colors, &error));
+            assert_int_equal(colors.cost.shared > MOST && small, 0);
+            memcpy(answer[small][i], colors.data, sizeof answer[small][i]);
+            relight_colors_finish(&colors);
+        }
+        end_client(client);
+    }
+    assert_memory_equal(answer[0], answer[1], sizeof answer[0]);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -218,6 +252,7 @@ int main(void)
         cmocka_unit_test_teardown(test_measured_error_of_a_bake, teardown),
         cmocka_unit_test_teardown(test_an_id_is_open_once, teardown),
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
+        cmocka_unit_test_teardown(test_passes_within_the_cache, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -291,6 +291,36 @@ static void test_room_is_promised(void **state)
     cache_destroy(cache);
 }
 
+// Memory beside the entries counts as theirs does, and makes an admission wait.
+static void test_charges_take_room(void **state)
+{
+    struct cache *cache;
+    struct waiter w;
+    assert_int_equal(cache_create(10 * VALUE, &cache), 0);
+    assert_int_equal(cache_budget(cache), 10 * VALUE);
+    use(cache, "a");
+    const size_t before = bytes_of(cache);
+    cache_charge(cache, 5 * VALUE);
+    assert_true(is_there(cache, "a"));
+    assert_int_equal(bytes_of(cache), before + 5 * VALUE);
+    cache_charge(cache, 5 * VALUE);
+    assert_false(is_there(cache, "a"));
+    cache_discharge(cache, 4 * VALUE);
+    use(cache, "b");
+    bool fresh;
+    struct cache_entry *held = cache_get(cache, "held", &fresh);
+    cache_fill(held, malloc(VALUE), VALUE, destroy);
+    ask(cache, &w, 5 * VALUE);
+    assert_int_equal(w.n, 0);
+    cache_discharge(cache, 6 * VALUE);
+    assert_int_equal(w.n, 1);
+    cache_admission_end(cache, &w.admission);
+    cache_release(held);
+    cache_forget(cache, "", false);
+    assert_int_equal(bytes_of(cache), 0);
+    cache_destroy(cache);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -301,6 +331,7 @@ int main(void)
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
         cmocka_unit_test(test_room_is_promised),
+        cmocka_unit_test(test_charges_take_room),
         cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
     };
     return cmocka_run_group_tests_name("cache", tests, NULL, NULL);

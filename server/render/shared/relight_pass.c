@@ -25,7 +25,10 @@ struct pass_item {
     int status;
 };
 
-enum { MOST_PASSES = 2 }; // of a model at a time
+enum {
+    MOST_PASSES = 2,   // of a model at a time
+    SCRATCH_SHARE = 8, // a pass's scratch takes at most this part of --cache, or one item
+};
 
 struct pass {
     struct work work;
@@ -35,6 +38,7 @@ struct pass {
     char payer[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // of the items: equal parts
     float *scratch; // of the worker: the colours of items that are encoded, [item][n_vertex][3]
     size_t n_scratch; // floats
+    size_t charged;   // bytes of the scratch that the cache counts
     float ms;
 };
 
@@ -43,6 +47,8 @@ struct gathering {
     struct model *model;
     struct pass_item *first, **last;
     size_t n_waiting;
+    size_t scratch_bytes; // of one item
+    unsigned most;        // items of a pass
     struct pass pass[MOST_PASSES];
     char before[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // payers of the last pass that ended
     unsigned n_before;
@@ -85,6 +91,7 @@ static struct prt_query item_query(const struct pass_item *item)
                               .eye = q->has_eye ? q->eye : NULL,
                               .lit = c ? c->contracted : NULL,
                               .most_apart = q->most_apart,
+                              .exits = q->exits,
                               .most_rank = q->coefficients ? 0 : q->most_rank};
 }
 
@@ -119,6 +126,7 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     values->coefficients = rows;
     values->coefficients.half = (uint16_t *)values->values;
     values->n_plane = n_plane;
+    values->n_exit = query.most_apart ? prt_answer_exit_planes(t, &query) : 0;
     values->n_vertex = t->mesh.n_vertex;
     values->material_error = (float)error;
     item->values = values->values;
@@ -145,16 +153,16 @@ static int share_scratch(struct pass *pass, struct pass_item *const item[], unsi
 // The items of one call of the library, by the number of their query.
 struct asked {
     struct pass_item *item[PRT_RELIGHT_MAX_LIGHTS];
+    bool encoded[PRT_RELIGHT_MAX_LIGHTS];
 };
 
 static void encode_item(void *user, const struct prt_context *ctx, unsigned i, size_t begin,
-                        size_t end)
+                        size_t end, const float (*color)[3])
 {
     const struct pass_item *item = ((struct asked *)user)->item[i];
     const struct vertex_query *q = &item->query;
-    if (!is_encoded(item)) return;
     uint8_t *to = (uint8_t *)((struct vertex_values *)item->job.value)->values;
-    encode_some_colors(ctx, q->format, q->exposure_ev, item->values + 3 * begin, end - begin,
+    encode_some_colors(ctx, q->format, q->exposure_ev, color[0], end - begin,
                        to + color_bytes(q->format) * begin);
 }
 
@@ -166,7 +174,7 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
     float *out[PRT_RELIGHT_MAX_LIGHTS];
     struct prt_coefficients *rows[PRT_RELIGHT_MAX_LIGHTS];
     struct asked asked;
-    const struct prt_colors_sink sink = {encode_item, &asked};
+    const struct prt_colors_sink sink = {asked.encoded, encode_item, &asked};
     int status = PRT_OK;
     for (unsigned first = 0; first < n && !status; first++) {
         const struct prt_transport *t = item_transport(item[first]);
@@ -183,6 +191,7 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
             planes[m] = item[i]->query.planes;
             rows[m] = &values->coefficients;
             asked.item[m] = item[i];
+            asked.encoded[m] = is_encoded(item[i]);
             out[m++] = item[i]->values;
         }
         if (m && coefficients) status = prt_answer_coefficients(ctx, t, m, query, rows);
@@ -224,6 +233,17 @@ static int run_pass(struct work *work, const struct prt_context *ctx)
 
 static void pass_done(struct work *work);
 
+// The scratch counts from before it is allocated until the gathering ends.
+static void charge_scratch(struct pass *pass)
+{
+    size_t bytes = 0;
+    for (const struct pass_item *item = pass->first; item; item = item->next)
+        if (is_encoded(item)) bytes += pass->gathering->scratch_bytes;
+    if (bytes <= pass->charged) return;
+    cache_charge(pass->gathering->model->server->cache, bytes - pass->charged);
+    pass->charged = bytes;
+}
+
 // Submits the pass for its items: as the first one's work, of the most urgent's class.
 static void submit(struct pass *pass)
 {
@@ -234,6 +254,7 @@ static void submit(struct pass *pass)
         if (item->job.actor.class < actor.class) actor.class = item->job.actor.class;
         snprintf(pass->payer[n++], WORK_NAME, "%s", item->job.actor.name);
     }
+    charge_scratch(pass);
     pass->work.run = run_pass;
     pass->work.done = pass_done;
     pass->work.class = WORK_INTERACTIVE;
@@ -281,7 +302,7 @@ static void share_places(const struct gathering *g, struct pass_share *share)
     for (unsigned k = 0; k < MOST_PASSES; k++)
         for (unsigned i = 0; g->pass[k].first && i < g->pass[k].n; i++)
             pass_share_before(share, g->pass[k].payer[i]);
-    pass_share_grant(share, PRT_RELIGHT_MAX_LIGHTS);
+    pass_share_grant(share, g->most);
 }
 
 static void start_pass(struct pass *pass, struct pass_share *share)
@@ -299,8 +320,7 @@ static bool rejoin(struct pass *pass)
 {
     struct gathering *g = pass->gathering;
     struct pass_share share;
-    if (!pass->first || pass->n >= PRT_RELIGHT_MAX_LIGHTS || g->n_waiting != 1 ||
-        !work_take_back(&pass->work))
+    if (!pass->first || pass->n >= g->most || g->n_waiting != 1 || !work_take_back(&pass->work))
         return false;
     struct pass_item *newest = g->first, **end = &pass->first;
     while (*end) end = &(*end)->next;
@@ -323,9 +343,9 @@ static void go_on(struct gathering *g)
         any |= g->pass[k].first != NULL;
         if (!g->pass[k].first) idle = &g->pass[k];
     }
-    if (!g->first || !idle || (any && g->n_waiting < PRT_RELIGHT_MAX_LIGHTS)) return;
+    if (!g->first || !idle || (any && g->n_waiting < g->most)) return;
     share_places(g, &share);
-    if (!any || share.n_granted == PRT_RELIGHT_MAX_LIGHTS) start_pass(idle, &share);
+    if (!any || share.n_granted == g->most) start_pass(idle, &share);
 }
 
 // Frees the gathering where nothing runs or waits.
@@ -335,8 +355,11 @@ static void end_gathering(struct gathering *g)
     for (unsigned k = 0; k < MOST_PASSES; k++)
         if (g->pass[k].first) return;
     g->model->gathering = NULL;
+    for (unsigned k = 0; k < MOST_PASSES; k++) {
+        prt_free(g->pass[k].scratch);
+        cache_discharge(g->model->server->cache, g->pass[k].charged);
+    }
     model_release(g->model);
-    for (unsigned k = 0; k < MOST_PASSES; k++) prt_free(g->pass[k].scratch);
     free(g);
 }
 
@@ -414,11 +437,15 @@ static void pass_done(struct work *work)
     }
 }
 
-static struct gathering *create_gathering(struct model *model)
+static struct gathering *create_gathering(struct model *model, const struct prt_file *file)
 {
     struct gathering *g = calloc(1, sizeof *g);
     if (!g) return NULL;
+    const size_t share = cache_budget(model->server->cache) / SCRATCH_SHARE;
     g->model = model;
+    g->scratch_bytes = 3 * (size_t)prt_file_transport(file)->mesh.n_vertex * sizeof(float);
+    g->most = g->scratch_bytes >= share ? 1 : (unsigned)(share / (g->scratch_bytes + 1));
+    if (g->most > PRT_RELIGHT_MAX_LIGHTS) g->most = PRT_RELIGHT_MAX_LIGHTS;
     g->last = &g->first;
     for (unsigned k = 0; k < MOST_PASSES; k++) g->pass[k].gathering = g;
     model->gathering = g;
@@ -446,7 +473,8 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
     struct cache_job *job;
     struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
     if (!job) return entry;
-    struct gathering *g = model->gathering ? model->gathering : create_gathering(model);
+    struct gathering *g =
+        model->gathering ? model->gathering : create_gathering(model, file->value);
     if (!g) {
         cache_job_complete(job, PRT_NOMEM);
         return entry;
