@@ -54,13 +54,14 @@ static int enum_value(const ProtobufCEnumDescriptor *descriptor, const char *wor
 
 // ---- message to JSON
 
-static cJSON *number_json(double x)
+// The fewest digits that read back as the same float, or double where `wide`.
+static cJSON *number_json(double x, bool wide)
 {
     char text[40];
     if (!isfinite(x)) return cJSON_CreateNull();
-    for (int digits = 6; digits <= 9; digits++) {
+    for (int digits = 6; digits <= (wide ? 17 : 9); digits++) {
         snprintf(text, sizeof text, "%.*g", digits, x);
-        if (strtof(text, NULL) == (float)x) break;
+        if (wide ? strtod(text, NULL) == x : strtof(text, NULL) == (float)x) break;
     }
     return cJSON_CreateRaw(text);
 }
@@ -93,9 +94,9 @@ static cJSON *value_json(const ProtobufCFieldDescriptor *f, const void *at)
     char word[40];
     switch (f->type) {
     case PROTOBUF_C_TYPE_FLOAT:
-        return number_json((double)*(const float *)at);
+        return number_json((double)*(const float *)at, false);
     case PROTOBUF_C_TYPE_DOUBLE:
-        return cJSON_CreateNumber(*(const double *)at);
+        return number_json(*(const double *)at, true);
     case PROTOBUF_C_TYPE_UINT32:
         return whole_json(*(const uint32_t *)at);
     case PROTOBUF_C_TYPE_INT32:
@@ -112,7 +113,7 @@ static cJSON *value_json(const ProtobufCFieldDescriptor *f, const void *at)
     case PROTOBUF_C_TYPE_MESSAGE:
         return message_to_json(*(const ProtobufCMessage *const *)at);
     default:
-        return cJSON_CreateNull(); // relight.proto has no others
+        return cJSON_CreateNull(); // bytes, fixed64: no message of the HTTP API has them
     }
 }
 

@@ -59,6 +59,7 @@ static bool get_tensor(const Relight__FactorTensor *m, const struct answer *answ
         return false;
     *out = (struct relight_factor_tensor){
         .single = m->term == RELIGHT__TERM__TERM_SINGLE,
+        .exit = m->exit,
         .n_cluster = m->n_cluster,
         .cluster = (const uint32_t(*)[2])(p + m->clusters_offset),
         .order = (const uint32_t *)(p + m->order_offset),
@@ -83,14 +84,15 @@ int relight_get_factors(const Relight__FactorsAnswer *m, const struct answer *an
                                "factors answer: clusters, vertices and U do not fit together");
 }
 
-int relight_factors(struct relight_client *client, const char *model, uint32_t most_rank,
-                    struct relight_factors *out, struct relight_error *error)
+static int fetch_factors(struct relight_client *client, const char *model, uint32_t most_rank,
+                         bool exits, struct relight_factors *out, struct relight_error *error)
 {
     Relight__FactorsRequest m = RELIGHT__FACTORS_REQUEST__INIT;
     struct relight_factors factors;
     struct answer *answer;
     m.model = relight_text(model);
     m.most_rank = most_rank;
+    m.exits = exits;
     int status = relight_call(client, RELIGHT_TYPE_FACTORS, &m.base, &answer, error);
     if (status) return status;
     status = relight_get_factors((Relight__FactorsAnswer *)answer->message, answer, most_rank,
@@ -103,6 +105,19 @@ int relight_factors(struct relight_client *client, const char *model, uint32_t m
         return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory for factors");
     *out = factors;
     return 0;
+}
+
+int relight_factors(struct relight_client *client, const char *model, uint32_t most_rank,
+                    struct relight_factors *out, struct relight_error *error)
+{
+    return fetch_factors(client, model, most_rank, false, out, error);
+}
+
+int relight_factors_with_exits(struct relight_client *client, const char *model,
+                               uint32_t most_rank, struct relight_factors *out,
+                               struct relight_error *error)
+{
+    return fetch_factors(client, model, most_rank, true, out, error);
 }
 
 void relight_factors_finish(struct relight_factors *factors)
@@ -236,46 +251,78 @@ static int plan(struct product *p, struct relight_error *error)
                                            "not enough memory for coefficients");
 }
 
-int relight_coefficients_expand(const struct relight_factors *factors,
-                                const struct relight_colors *colors, uint32_t plane,
-                                uint32_t n_phase, float *multiple, float *single,
-                                struct relight_error *error)
+// Where the sums of a tensor go: planes [n][n_vertex][3], n 0: they are not wanted.
+struct sums {
+    float *plane[RELIGHT_MOST_PHASES];
+    uint32_t n;
+};
+
+static void sums_clear(struct sums *sums, float *to, uint32_t n, size_t size)
 {
-    const size_t n = 3 * (size_t)factors->n_vertex;
-    float *phase[RELIGHT_MOST_PHASES];
+    sums->n = n;
+    for (uint32_t k = 0; k < n; k++) sums->plane[k] = to + k * size;
+    if (n) memset(to, 0, n * size * sizeof *to);
+}
+
+// into: of tensors of multiple scattering, of single scattering, of the planes of exit.
+static int expand(const struct relight_factors *factors, const struct relight_colors *colors,
+                  uint32_t plane, const struct sums into[3], struct relight_error *error)
+{
     int status = 0;
-    if (colors->format != RELIGHT_COLOR_COEFFICIENTS || plane >= colors->n_plane ||
-        n_phase > RELIGHT_MOST_PHASES)
+    if (colors->format != RELIGHT_COLOR_COEFFICIENTS || plane >= colors->n_plane)
         return relight_fail(error, RELIGHT_E_ARGUMENT, "", "no coefficients of plane %u",
                             plane);
     if (colors->factors != factors->hash || colors->n_vertex != factors->n_vertex)
         return relight_fail(error, RELIGHT_E_MISMATCH, "fetch the factors again",
                             "these coefficients belong to the factors of another bake");
-    memset(multiple, 0, n * sizeof *multiple);
-    for (uint32_t k = 0; k < n_phase; k++) phase[k] = single + k * n;
-    if (n_phase) memset(single, 0, n_phase * n * sizeof *single);
     for (uint32_t i = 0; i < colors->n_layer && !status; i++) {
         const struct relight_layer *layer = &colors->layer[i];
         if (layer->tensor >= factors->n_tensor)
             return relight_fail(error, RELIGHT_E_PROTOCOL, "",
                                 "coefficients of tensor %u, the factors have %u", layer->tensor,
                                 factors->n_tensor);
+        const struct relight_factor_tensor *tensor = &factors->tensor[layer->tensor];
+        const struct sums *sums = &into[tensor->exit ? 2 : tensor->single];
         struct product p = {
             .factors = factors,
-            .tensor = &factors->tensor[layer->tensor],
+            .tensor = tensor,
             .layer = layer,
             .most_rank = colors->most_rank,
             .half = (const uint16_t *)((const uint8_t *)colors->data +
                                        plane * colors->plane_bytes + layer->offset),
             .scale = layer->scale[plane],
         };
+        if (!sums->n) continue;
         status = plan(&p, error);
-        if (!status && p.tensor->single) add_layer(&p, n_phase, phase);
-        else if (!status) add_layer(&p, 1, &multiple);
+        if (!status) add_layer(&p, sums->n, sums->plane);
         free(p.row);
         free(p.sum);
     }
     return status;
+}
+
+int relight_coefficients_expand(const struct relight_factors *factors,
+                                const struct relight_colors *colors, uint32_t plane,
+                                uint32_t n_phase, float *multiple, float *single,
+                                struct relight_error *error)
+{
+    const size_t n = 3 * (size_t)factors->n_vertex;
+    struct sums into[3] = {{.n = 0}};
+    if (n_phase > RELIGHT_MOST_PHASES)
+        return relight_fail(error, RELIGHT_E_ARGUMENT, "", "no coefficients of %u phases",
+                            n_phase);
+    sums_clear(&into[0], multiple, 1, n);
+    sums_clear(&into[1], single, n_phase, n);
+    return expand(factors, colors, plane, into, error);
+}
+
+int relight_coefficients_exits(const struct relight_factors *factors,
+                               const struct relight_colors *colors, uint32_t plane,
+                               float *exits, struct relight_error *error)
+{
+    struct sums into[3] = {{.n = 0}};
+    sums_clear(&into[2], exits, RELIGHT_EXIT_PLANES, 3 * (size_t)factors->n_vertex);
+    return expand(factors, colors, plane, into, error);
 }
 
 int relight_coefficients_colors(const struct relight_factors *factors,

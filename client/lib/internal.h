@@ -113,6 +113,10 @@ bool relight_get_coefficients(const Relight__ColorsAnswer *message, struct relig
 int relight_get_factors(const Relight__FactorsAnswer *message, const struct answer *answer,
                         uint32_t most_rank, struct relight_factors *out,
                         struct relight_error *error);
+/* The coarse order of an answer, checked; it points into it. */
+int relight_get_coarse_order(const Relight__GeometryAnswer *message,
+                             const struct answer *answer, struct relight_coarse_order *out,
+                             struct relight_error *error);
 int relight_get_image(const Relight__ImageAnswer *message, const uint8_t *payload,
                       uint64_t payload_size, struct relight_image *out,
                       struct relight_error *error);

@@ -32,6 +32,7 @@ int relight_colors_begin(struct relight_client *client,
     m.exposure_ev = request->exposure_ev;
     m.most_rank = request->most_rank;
     m.phases = request->phases;
+    m.exits = request->exits;
     m.priority = (Relight__Priority)request->priority;
     return start(client, RELIGHT_TYPE_COLORS, &m.base, &parts, timeout_s, id, error);
 }
@@ -165,7 +166,7 @@ int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, f
 {
     const uint32_t parts = colors->n_part ? colors->n_part : 1;
     if (plane / parts >= colors->n_plane) return -RELIGHT_E_ARGUMENT;
-    const size_t n = colors->n_vertex;
+    const size_t n = colors->n_coarse ? colors->n_coarse : colors->n_vertex;
     const uint8_t *data = (const uint8_t *)colors->data + plane / parts * colors->plane_bytes +
                           plane % parts * n * relight_color_bytes(colors->format);
     switch (colors->format) {

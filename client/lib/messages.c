@@ -229,7 +229,8 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
                        uint64_t payload_size, struct relight_colors *out,
                        struct relight_error *error)
 {
-    const uint64_t each = (uint64_t)m->n_vertex * relight_color_bytes(m->format);
+    const uint32_t n = m->n_coarse ? m->n_coarse : m->n_vertex;
+    const uint64_t each = (uint64_t)n * relight_color_bytes(m->format);
     uint64_t need = each;
     uint64_t last; // where the last plane starts
     const bool rows = m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
@@ -237,7 +238,8 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
     const bool parted = m->n_part > 0 && !rows;
     if ((!rows && !relight_color_bytes(m->format)) || !m->n_plane ||
         (parted && __builtin_mul_overflow(each, (uint64_t)m->n_part, &need)) ||
-        m->plane_bytes < need || (parted && !m->n_outgoing) ||
+        m->plane_bytes < need || (parted && !m->n_outgoing) || m->n_exit > m->n_part ||
+        m->n_coarse > m->n_vertex || (rows && m->n_coarse) ||
         (m->n_plane > 1 && m->plane_bytes % RELIGHT_FRAME_ALIGN) ||
         __builtin_mul_overflow(m->plane_bytes, (uint64_t)m->n_plane - 1, &last) ||
         last > payload_size || payload_size - last < need)
@@ -248,6 +250,9 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
     *out = (struct relight_colors){.n_vertex = m->n_vertex,
                                    .n_plane = m->n_plane,
                                    .n_part = parted ? m->n_part : 0,
+                                   .n_exit = parted ? m->n_exit : 0,
+                                   .n_coarse = m->n_coarse,
+                                   .coarse_order = m->coarse_order,
                                    .plane_bytes = m->plane_bytes,
                                    .format = (enum relight_color_format)m->format,
                                    .generation = m->generation,

@@ -271,6 +271,7 @@ static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
         .engine = m->engine ? relight_engine_name((enum relight_engine)m->engine) : "",
         .storage = (unsigned)m->storage < N_STORAGE ? storage_names[m->storage] : "",
         .cube = m->cube,
+        .exit_planes = m->exit_planes,
         .bytes = m->bytes,
         .resident_bytes = m->resident_bytes,
         .generation = m->generation,
@@ -283,6 +284,8 @@ static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
         .errors = m->errors,
         .n_warning = m->n_warnings,
         .warning = (const char *const *)m->warnings,
+        .n_variant = m->n_variants,
+        .variant = (const char *const *)m->variants,
         .failure = m->error ? m->error->text : "",
         .mesh_hash = m->mesh_hash,
         .bake_hash = m->bake_hash};
@@ -326,8 +329,6 @@ int relight_info(struct relight_client *client, const char *model, struct religh
     out->n_block = a->n_blocks;
     out->n_medium = a->n_media;
     out->medium = (const char *const *)a->media;
-    out->n_variant = a->n_variants;
-    out->variant = (const char *const *)a->variants;
     if (relight_get_blocks(owner, a->n_blocks, a->blocks, &out->block) ||
         get_cameras(owner, a, out)) {
         relight_owner_free(owner);

@@ -42,6 +42,8 @@ static void put_options(Relight__ViewOptions *m, const struct relight_view_reque
     m->skip_equal = request->skip_equal;
     m->most_rank = request->most_rank;
     m->phases = request->phases;
+    m->exits = request->exits;
+    m->coarse = request->coarse;
 }
 
 int relight_view_open(struct relight_client *client, const struct relight_view_request *request,

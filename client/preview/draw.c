@@ -12,11 +12,10 @@
 #include <string.h>
 
 // State that frames share. While the light turns, the visibility buffer and the background are
-// reused (shading turns the background); while the camera turns, reflections are, and colours
-// unless the medium is anisotropic.
+// reused (shading turns the background); while the camera turns, reflections and colours are.
 struct drawing {
     struct scene *scene;
-    float *plane; /* [4][n_vertex][3] */
+    struct planes planes;
     struct prt_visibility *visibility;
     struct prt_cube background; /* unturned, of background_of */
     const struct sky *background_of;
@@ -107,8 +106,8 @@ static int set_camera(struct drawing *d, uint32_t frame)
 static int shade(struct drawing *d, struct prt_image *out)
 {
     const struct options *o = d->scene->options;
-    struct prt_shade s = {.n_plane = 4,
-                          .planes = d->plane,
+    struct prt_shade s = {.n_plane = d->planes.n,
+                          .planes = d->planes.value,
                           .media = *d->scene->media,
                           .fresnel = true,
                           .transparent = o->transparent,
@@ -208,17 +207,14 @@ static int draw_row(struct drawing *d, size_t env)
 {
     const struct options *o = d->scene->options;
     const struct sky *sky = d->scene->sky + env;
-    const bool each = o->turn_light || d->scene->anisotropic; // colours change in every frame
     struct colors_pending next = {0};
-    int status =
-        scene_colors_begin(d->scene, sky, rotation(o, 0), frame_camera(d, 0).eye, &next);
+    int status = scene_colors_begin(d->scene, sky, rotation(o, 0), &next);
     for (uint32_t k = 0; !status && k < o->n_frame; k++) {
         struct prt_image image = {0};
-        if (k == 0 || each) {
-            status = scene_colors_end(d->scene, &next, d->plane);
-            if (!status && each && k + 1 < o->n_frame)
-                status = scene_colors_begin(d->scene, sky, rotation(o, k + 1),
-                                            frame_camera(d, k + 1).eye, &next);
+        if (k == 0 || o->turn_light) {
+            status = scene_colors_end(d->scene, &next, &d->planes);
+            if (!status && o->turn_light && k + 1 < o->n_frame)
+                status = scene_colors_begin(d->scene, sky, rotation(o, k + 1), &next);
         }
         if (!status && (k == 0 || o->turn_light)) status = set_light(d, sky, rotation(o, k));
         if (!status && (!d->visibility || (!o->turn_light && o->n_frame > 1)))
@@ -227,11 +223,7 @@ static int draw_row(struct drawing *d, size_t env)
         if (!status) status = keep(d, env, k, &image);
         prt_image_finish(&image);
     }
-    if (next.begun) { // an answer that is not needed
-        float *sink = prt_alloc(d->scene->mesh.n_vertex, 4 * 12);
-        if (sink) scene_colors_end(d->scene, &next, sink);
-        prt_free(sink);
-    }
+    if (next.begun) scene_colors_end(d->scene, &next, &d->planes); // it is not needed
     return status;
 }
 
@@ -310,22 +302,19 @@ int draw_all(struct scene *scene)
 {
     const struct options *o = scene->options;
     struct drawing d = {.scene = scene, .camera = o->camera};
-    int status = EXIT_DONE;
     float aspect = (float)o->width / (float)o->height;
     if (o->camera_name) d.camera = scene->named;
     else if (o->orbit.zoom > 0)
         prt_camera_frame_from(&scene->mesh, aspect, &o->orbit, &d.camera);
     else if (d.camera.automatic) prt_camera_frame(&scene->mesh, aspect, &d.camera);
     d.camera.automatic = false;
-    d.plane = prt_alloc(scene->mesh.n_vertex, 4 * 12);
-    if (!d.plane) status = EXIT_FAILED;
-    if (!status) status = prepare_output(&d);
+    int status = prepare_output(&d);
     if (!status) status = draw_rows(&d);
     status = finish_output(&d, status);
     drop_specular(&d);
     prt_cube_finish(&d.background);
     if (d.visibility) prt_visibility_destroy(d.visibility);
     prt_image_finish(&d.canvas);
-    prt_free(d.plane);
+    prt_free(d.planes.value);
     return status;
 }

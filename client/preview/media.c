@@ -56,6 +56,7 @@ static int read_given(struct scene *scene, unsigned n_given, const char *const *
         else scene->shade.material = scene->text[i];
     }
     scene->shade.materials = scene->given;
+    scene->shade.variant = scene->options->variant;
     return EXIT_DONE;
 }
 

@@ -13,7 +13,7 @@
 
 const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
-enum { KEY_NO_TEXTURES = 256, KEY_TRY, KEY_DIFFERENCE, KEY_FPS, KEY_FOLLOW };
+enum { KEY_NO_TEXTURES = 256, KEY_TRY, KEY_DIFFERENCE, KEY_FPS, KEY_FOLLOW, KEY_VARIANT };
 static const struct argp_option table[] = {
     {"server", 's', "ADDR", 0,
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH (default as for relight)", 0},
@@ -45,6 +45,9 @@ static const struct argp_option table[] = {
      "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME. A film ends in .mp4 "
      "or .webm and needs ffmpeg",
      0},
+    {"variant", KEY_VARIANT, "NAME", 0,
+     "materials of this variant of the glTF (relight info lists them), or default: the file's own",
+     0},
     {"material", 'm', "[OBJECT=]NAME|FILE", 0,
      "another material (joint transport), of this glTF material or node or of all others; may "
      "repeat",
@@ -69,7 +72,9 @@ static const struct argp_option table[] = {
     {"exposure", 'x', "STOPS", 0, "brighten by a factor 2^STOPS", 0},
     {"quality", 'q', "1..100", 0, "quality of a JPEG (default 90)", 0},
     {"format", 'f', "FORMAT", 0,
-     "encoding of colours on the wire: f32, f16 (default) or rgb9e5", 0},
+     "encoding of colours on the wire: f32, f16 (default) or rgb9e5, which gives way to f16 where "
+     "colours depend on the view (g is not 0, planes of exit)",
+     0},
     {"json", 'j', NULL, 0, "print a line of JSON for each file", 0},
     {0},
 };
@@ -137,6 +142,9 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
     case 'n':
         o->no_specular = true;
         break;
+    case KEY_VARIANT:
+        o->variant = arg;
+        break;
     case KEY_NO_TEXTURES:
         o->no_textures = true;
         break;
@@ -199,7 +207,7 @@ static void check_follow(struct argp_state *state, const struct options *o)
     if (!o->follow && !o->model) argp_error(state, "ID is missing");
     if (!o->follow && !o->n_env) argp_error(state, "--env is missing");
     if (!o->follow) return;
-    if (o->model || o->n_env || o->n_material || o->n_try || o->camera_name ||
+    if (o->model || o->n_env || o->n_material || o->n_try || o->variant || o->camera_name ||
         o->orbit.zoom > 0 || !o->camera.automatic)
         argp_error(state, "--follow: the room has the model, its lights, materials and camera");
     if (o->sheet || o->difference || o->turn_light)

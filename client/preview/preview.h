@@ -15,6 +15,7 @@ struct options {
     const char *follow;                  /* --follow: a room, in place of model and env; NULL */
     const char *material[PRT_MEDIA_MAX]; /* [OBJECT=]NAME|FILE */
     unsigned n_material, n_try;
+    const char *variant;          /* --variant: of the model's file; NULL: the bake's own */
     const char *attempt[MAX_TRY]; /* --try: each gives a column, in place of frames */
     const char *env[MAX_ENV];
     size_t n_env;
@@ -53,7 +54,8 @@ struct scene {
     char object[PRT_MEDIA_MAX][128];
     struct relight_object_material given[PRT_MEDIA_MAX];
     struct relight_shade shade;
-    bool anisotropic;        /* a g is not 0: colours are requested towards the eye */
+    bool anisotropic;        /* a g is not 0 */
+    bool exit_planes;        /* the bake has them */
     struct prt_camera named; /* options->camera_name's */
     struct sky sky[MAX_ENV];
 };
@@ -68,18 +70,21 @@ int scene_media(struct scene *scene, const char *more);
 void scene_media_finish(struct scene *scene);
 void scene_finish(struct scene *scene);
 
-/* Colours without outgoing Fresnel under one light: multiple + single scattering. One answer
- * serves every camera, except of an anisotropic medium: its colours are of `eye`, in
- * the model's own units. begin sends, end waits: other work fits between. plane:
- * [4][n_vertex][3], planes of prt_shade. */
+/* Planes of prt_shade: value[n][n_vertex][3], prt_free()d; zeroed before the first use. */
+struct planes {
+    unsigned n;
+    float *value;
+};
+
+/* Colours without outgoing Fresnel under one light, as planes: one answer serves every camera.
+ * begin sends, end waits and replaces *out: other work fits between. */
 struct colors_pending {
-    uint64_t id[2];
-    float eye[3];
+    uint64_t id;
     bool begun;
 };
 int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
-                       const float eye[3], struct colors_pending *pending);
-int scene_colors_end(struct scene *scene, struct colors_pending *pending, float *plane);
+                       struct colors_pending *pending);
+int scene_colors_end(struct scene *scene, struct colors_pending *pending, struct planes *out);
 
 /* Columns of a sheet: frames, or --try. */
 static inline uint32_t options_columns(const struct options *o)

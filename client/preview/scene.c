@@ -76,17 +76,14 @@ static int make_mesh(struct scene *scene)
 }
 
 // The camera of options->camera_name.
-static int find_camera(struct scene *scene)
+static int find_camera(struct scene *scene, const struct relight_model *info)
 {
     const struct options *o = scene->options;
     struct prt_mesh_camera list[PRT_MESH_MOST_CAMERAS];
     struct prt_mesh mesh = {.camera = list};
-    struct relight_error error;
-    struct relight_model info;
     if (!o->camera_name) return EXIT_DONE;
-    if (relight_info(scene->client, o->model, &info, &error)) return report(&error);
-    for (size_t i = 0; i < info.n_camera && i < PRT_MESH_MOST_CAMERAS; i++) {
-        const struct relight_named_camera *c = &info.camera[i];
+    for (size_t i = 0; i < info->n_camera && i < PRT_MESH_MOST_CAMERAS; i++) {
+        const struct relight_named_camera *c = &info->camera[i];
         struct prt_mesh_camera *to = &list[mesh.n_camera++];
         *to = (struct prt_mesh_camera){.fovy_deg = c->fovy_deg};
         snprintf(to->name, sizeof to->name, "%s", c->name);
@@ -94,9 +91,20 @@ static int find_camera(struct scene *scene)
         memcpy(to->target, c->target, sizeof to->target);
         memcpy(to->up, c->up, sizeof to->up);
     }
-    relight_model_finish(&info);
     return prt_camera_named(&scene->ctx, &mesh, o->camera_name, &scene->named) ? EXIT_USAGE
                                                                                : EXIT_DONE;
+}
+
+static int read_info(struct scene *scene)
+{
+    struct relight_error error;
+    struct relight_model info;
+    if (relight_info(scene->client, scene->options->model, &info, &error))
+        return report(&error);
+    scene->exit_planes = info.exit_planes > 0;
+    int status = find_camera(scene, &info);
+    relight_model_finish(&info);
+    return status;
 }
 
 static int find_sky(struct scene *scene, const char *word, struct sky *sky)
@@ -112,11 +120,15 @@ int scene_fetch(struct scene *scene)
 {
     struct relight_error error;
     const struct options *o = scene->options;
-    if (relight_geometry_textured(scene->client, o->model, false, &scene->geometry, &error))
-        return report(&error);
+    const int failed = o->variant
+                           ? relight_geometry_variant(scene->client, o->model, o->variant,
+                                                      false, &scene->geometry, &error)
+                           : relight_geometry_textured(scene->client, o->model, false,
+                                                       &scene->geometry, &error);
+    if (failed) return report(&error);
     int status = make_mesh(scene);
     if (!status) status = scene_media(scene, o->n_try ? o->attempt[0] : NULL);
-    if (!status) status = find_camera(scene);
+    if (!status) status = read_info(scene);
     for (size_t i = 0; !status && i < o->n_env; i++)
         status = find_sky(scene, o->env[i], scene->sky + i);
     return status;
@@ -139,108 +151,85 @@ void scene_finish(struct scene *scene)
     relight_geometry_finish(&scene->geometry);
 }
 
-int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
-                       const float eye[3], struct colors_pending *pending)
+// RGB9E5 has no negative numbers, which the planes of a phase function and those of exit have.
+static enum relight_color_format format_of(const struct scene *scene)
 {
-    static const enum relight_term terms[2] = {RELIGHT_TERM_MULTIPLE, RELIGHT_TERM_SINGLE};
+    const enum relight_color_format wanted = scene->options->format;
+    return wanted == RELIGHT_COLOR_RGB9E5 && (scene->anisotropic || scene->exit_planes)
+               ? RELIGHT_COLOR_F16
+               : wanted;
+}
+
+int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
+                       struct colors_pending *pending)
+{
     struct relight_error error;
     struct relight_light light = {.env = sky->word, .rotate_deg = (float)rotate_deg};
     struct relight_colors_request request = {.model = scene->options->model,
                                              .n_light = 1,
                                              .lights = &light,
                                              .shade = scene->shade,
-                                             .format = scene->options->format};
-    for (int i = 0; i < 2; i++) {
-        request.shade.term = terms[i];
-        if (i == 1 && scene->anisotropic) {
-            request.shade.term = RELIGHT_TERM_TOTAL;
-            request.shade.has_eye = true;
-            memcpy(request.shade.eye, eye, sizeof request.shade.eye);
-        }
-        if (relight_colors_begin(scene->client, &request, 0, pending->id + i, &error))
-            return report(&error);
-    }
-    memcpy(pending->eye, eye, sizeof pending->eye);
+                                             .format = format_of(scene),
+                                             .phases = true,
+                                             .exits = true};
+    if (relight_colors_begin(scene->client, &request, 0, &pending->id, &error))
+        return report(&error);
     pending->begun = true;
     return EXIT_DONE;
 }
 
-// The total towards the eye divided by the vertex's exit factor F_t / T, which drawing
-// multiplies by again at each pixel. A vertex that faces away keeps the other terms alone.
-static void divide_total(const struct scene *scene, const struct prt_block *b,
-                         const float eye[3], const float *total, float *plane)
+static uint32_t most(uint32_t a, uint32_t b)
 {
-    const struct prt_mesh *m = &scene->mesh;
-    const double eta = (double)prt_media_of(scene->media, b->object)->eta;
-    for (size_t v = b->vertex_begin; v < b->vertex_begin + (size_t)b->n_vertex; v++) {
-        double length = 0, cosine = 0, transmittance = 1;
-        for (int c = 0; c < 3; c++) {
-            double d = (double)eye[c] * (double)m->mm_per_unit - (double)m->position[v][c];
-            length += d * d;
-            cosine += d * (double)m->normal[v][c];
-        }
-        cosine /= sqrt(length);
-        if (m->surface[b->surface].translucent)
-            transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, cosine) /
-                                             prt_exit_divisor(eta, PRT_EXIT_NORMALISED)
-                                       : 0;
-        for (size_t i = 3 * v; i < 3 * v + 3; i++)
-            if (transmittance > 0.01) plane[i] = total[i] / (float)transmittance;
-    }
+    return a > b ? a : b;
 }
 
-// Adds single scattering, times the exit's divisor as planes of prt_shade have it, to the other
-// terms in plane 0. An isotropic medium's is corrected here
-// for every view, which takes four planes.
-static int add_single(struct scene *scene, const struct colors_pending *pending, float *single,
-                      float *plane)
+// Single scattering in planes 0 to n_phase - 1, corrected for every view (METHODS §3.6).
+static int correct(struct scene *scene, uint32_t n_phase, uint32_t n_plane, float *plane)
 {
     const struct prt_mesh *m = &scene->mesh;
-    const size_t n = 3 * (size_t)m->n_vertex;
-    if (scene->anisotropic) {
-        for (uint32_t i = 0; i < m->n_block; i++)
-            divide_total(scene, m->block + i, pending->eye, single, plane);
-        memset(plane + n, 0, 3 * n * sizeof *plane);
-        return EXIT_DONE;
-    }
-    for (uint32_t k = 0; k < m->n_block; k++) {
-        const struct prt_block *b = &m->block[k];
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < m->n_block && !status; i++) {
+        const struct prt_block *b = &m->block[i];
         const double eta = (double)prt_media_of(scene->media, b->object)->eta;
-        const float gain = (float)prt_exit_divisor(eta, PRT_EXIT_NORMALISED);
-        const size_t end = 3 * ((size_t)b->vertex_begin + b->n_vertex);
-        for (size_t i = 3 * (size_t)b->vertex_begin; i < end; i++) {
-            float other = plane[i];
-            plane[i] = gain * single[i];
-            single[i] = other;
-        }
-        if (prt_view_correct(&scene->ctx, m->n_vertex, b->vertex_begin,
-                             b->vertex_begin + b->n_vertex, (const float(*)[3])m->normal, eta,
-                             1, 4, plane))
-            return EXIT_FAILED;
+        status = prt_view_correct(&scene->ctx, m->n_vertex, b->vertex_begin,
+                                  b->vertex_begin + b->n_vertex, (const float(*)[3])m->normal,
+                                  eta, n_phase, n_plane, plane);
     }
-    for (size_t i = 0; i < n; i++) plane[i] += single[i];
-    return EXIT_DONE;
+    return status ? EXIT_FAILED : EXIT_DONE;
 }
 
-int scene_colors_end(struct scene *scene, struct colors_pending *pending, float *plane)
+// The planes of prt_shade from the parts M, S_0, S_1, …, P_0, P_1, … of an answer.
+static int make_planes(struct scene *scene, const struct relight_colors *c, struct planes *out)
 {
-    int status = EXIT_DONE;
-    size_t n = 3 * (size_t)scene->mesh.n_vertex;
-    float *single = prt_alloc(n, sizeof *single);
-    pending->begun = false;
-    for (int i = 0; i < 2; i++) {
-        struct relight_error error;
-        struct relight_colors colors;
-        if (relight_colors_end(scene->client, pending->id[i], &colors, &error)) {
-            if (!status) status = report(&error);
-            continue;
-        }
-        if (!single || colors.n_vertex != scene->mesh.n_vertex)
-            status = fail("the colours do not fit the model");
-        else relight_colors_decode(&colors, 0, i ? single : plane);
-        relight_colors_finish(&colors);
+    const size_t size = 3 * (size_t)scene->mesh.n_vertex;
+    const uint32_t n_phase = c->n_part - 1 - c->n_exit;
+    const uint32_t corrected = n_phase ? most(4, n_phase) : 1;
+    const uint32_t n = most(corrected, c->n_exit);
+    float *plane = prt_calloc((n + 1) * size + 1, sizeof *plane), *part = plane + n * size;
+    prt_free(out->value);
+    *out = (struct planes){n, plane};
+    if (!plane) return fail("not enough memory for the colours");
+    for (uint32_t k = 0; k < n_phase; k++) relight_colors_decode(c, 1 + k, plane + k * size);
+    int status = n_phase ? correct(scene, n_phase, corrected, plane) : EXIT_DONE;
+    for (uint32_t k = 0; k <= c->n_exit && !status; k++) { // M first
+        float *to = plane + (k ? k - 1 : 0) * size;
+        relight_colors_decode(c, k ? n_phase + k : 0, part);
+        for (size_t i = 0; i < size; i++) to[i] += part[i];
     }
-    if (!status) status = add_single(scene, pending, single, plane);
-    prt_free(single);
+    return status;
+}
+
+int scene_colors_end(struct scene *scene, struct colors_pending *pending, struct planes *out)
+{
+    struct relight_error error;
+    struct relight_colors colors;
+    pending->begun = false;
+    if (relight_colors_end(scene->client, pending->id, &colors, &error)) return report(&error);
+    int status = colors.n_vertex == scene->mesh.n_vertex && colors.n_part > colors.n_exit &&
+                         colors.n_part - 1 - colors.n_exit <= RELIGHT_MOST_PHASES &&
+                         colors.n_exit <= RELIGHT_EXIT_PLANES
+                     ? make_planes(scene, &colors, out)
+                     : fail("the colours do not fit the model");
+    relight_colors_finish(&colors);
     return status;
 }

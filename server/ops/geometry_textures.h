@@ -21,5 +21,7 @@ void *texture_answer(const struct prt_mesh *mesh, const struct texture_sections 
                      Relight__GeometryAnswer *out);
 // Answers a request that names an image by its hash.
 void op_geometry_image(struct request *request);
+// Answers a request for the coarse order.
+void op_geometry_coarse(struct request *request);
 
 #endif

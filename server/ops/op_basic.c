@@ -29,10 +29,10 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "animations", "coefficients", "env-cube",   "error-range", "events",
-        "get-blob",   "goaway",       "material",   "materials",   "poses",
-        "rooms",      "route",        "run",        "sign",        "textures",
-        "tokens",     "view-ack",     "view-equal", "view-fields",
+        "animations", "coarse",     "coefficients", "env-cube", "error-range", "events",
+        "exits",      "get-blob",   "goaway",       "material", "materials",   "poses",
+        "rooms",      "route",      "run",          "sign",     "textures",    "tokens",
+        "view-ack",   "view-equal", "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
@@ -173,6 +173,7 @@ struct info_text {
     Relight__Error error;
     struct error_fields fields;
     char *warnings[64], *warning_text;
+    char *variants[PRT_MESH_MOST_VARIANTS];
     char *settings, *errors;
 };
 
@@ -206,6 +207,7 @@ static void fill_info(const struct model *m, const char *asker, struct info_text
         out->engine = (Relight__Engine)(RELIGHT__ENGINE__ENGINE_WAVELET + (int)f->engine);
         out->storage = (Relight__Storage)(RELIGHT__STORAGE__STORAGE_FACTORED + (int)f->storage);
         out->cube = f->cube;
+        out->exit_planes = f->exit_planes;
         out->bytes = f->bytes;
         out->error_bound = f->error_multiple;
         if (out->state == RELIGHT__MODEL_STATE__MODEL_READY) out->resident_bytes = f->bytes;
@@ -214,6 +216,9 @@ static void fill_info(const struct model *m, const char *asker, struct info_text
         error_fill(&t->error, m->error_code, m->error, &t->fields);
         out->error = &t->error;
     }
+    for (uint32_t i = 0; i < m->n_variant; i++) t->variants[i] = m->variant[i].name;
+    out->n_variants = m->n_variant;
+    out->variants = t->variants;
     t->warning_text = m->warnings ? strdup(m->warnings) : NULL;
     out->warnings = t->warnings;
     char *save = NULL;
@@ -347,7 +352,6 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
     struct info_text *text = calloc(1, sizeof *text);
     Relight__Block **blocks = NULL;
     Relight__NamedCamera **cameras = NULL;
-    char *variants[PRT_MESH_MOST_VARIANTS];
     struct block_text *block_text = fill_blocks(&t->mesh, &t->media, NULL, &blocks);
     char **media = print_media(&t->media);
     struct camera_text *camera_text = fill_cameras(&t->mesh, &cameras);
@@ -368,9 +372,6 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         text->info.blocks = blocks;
         text->info.n_cameras = t->mesh.n_camera;
         text->info.cameras = cameras;
-        for (uint32_t i = 0; i < t->mesh.n_variant; i++) variants[i] = t->mesh.variant[i].name;
-        text->info.n_variants = t->mesh.n_variant;
-        text->info.variants = variants;
         request_answer(request, &text->info.base, NULL);
         free(text->warning_text);
     }
@@ -518,6 +519,7 @@ void op_geometry(struct request *request)
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
     if (*in->image) op_geometry_image(request);
+    else if (in->coarse) op_geometry_coarse(request);
     else with_shape(request, in->model, in->pose, in->variant, geometry_ready);
 }
 

@@ -108,7 +108,7 @@ void op_colors(struct request *request)
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request, in->shade, error)) ||
         (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, in->most_rank,
-                                   in->phases, error))) {
+                                   in->phases, in->exits, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
         return;

@@ -17,7 +17,9 @@ enum { KEY = 200 };
 struct factors {
     uint64_t hash;
     uint32_t n_vertex, n_tensor, first, most_rank;
+    bool exits; // tensors of the planes of exit, too
     struct factor_sections {
+        bool exit;
         uint32_t term, n_cluster;
         size_t clusters, order, u, u_bytes; // offsets; clusters and order with first 0
     } tensor[PRT_MOST_TENSORS];
@@ -29,6 +31,7 @@ struct factors_job {
     struct cache_job job;
     struct cache_entry *file;
     uint32_t first, most_rank;
+    bool exits;
 };
 
 static size_t up64(size_t n)
@@ -55,13 +58,15 @@ static void plan(struct factors *f, const struct prt_transport *t)
     size_t at = 0, skipped;
     f->n_vertex = t->mesh.n_vertex;
     f->n_tensor = t->n_tensor;
-    // no coefficients are of the planes of exit, which follow the other tensors
-    while (f->n_tensor && t->tensor[f->n_tensor - 1].term == PRT_TERM_VIEW) f->n_tensor--;
+    // The planes of exit follow the other tensors, whose numbers are the same without them.
+    while (!f->exits && f->n_tensor && t->tensor[f->n_tensor - 1].term == PRT_TERM_VIEW)
+        f->n_tensor--;
     for (uint32_t i = 0; i < f->n_tensor; i++) {
         const struct prt_tensor *from = &t->tensor[i];
         struct factor_sections *to = &f->tensor[i];
-        to->term = from->term == PRT_TERM_SINGLE ? RELIGHT__TERM__TERM_SINGLE
-                                                 : RELIGHT__TERM__TERM_MULTIPLE;
+        to->exit = from->term == PRT_TERM_VIEW;
+        to->term = prt_term_is_single(from->term) ? RELIGHT__TERM__TERM_SINGLE
+                                                  : RELIGHT__TERM__TERM_MULTIPLE;
         to->n_cluster = from->n_cluster;
         if (!f->first) {
             to->clusters = at;
@@ -105,6 +110,7 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
     f->hash = prt_file_hash(own->file->value);
     f->first = own->first;
     f->most_rank = own->most_rank;
+    f->exits = own->exits;
     plan(f, t);
     f->bytes = prt_calloc(f->size + 1, 1);
     if (!f->bytes) return PRT_NOMEM;
@@ -139,6 +145,7 @@ static void factors_ready(struct request_wait *wait, struct request *request)
             const struct factor_sections *s = &f->tensor[i];
             relight__factor_tensor__init(list[i] = &tensor[i]);
             tensor[i].term = (Relight__Term)s->term;
+            tensor[i].exit = s->exit;
             tensor[i].n_cluster = s->n_cluster;
             tensor[i].clusters_offset = s->clusters;
             tensor[i].order_offset = s->order;
@@ -165,14 +172,16 @@ static struct cache_entry *factors_get(struct model *m, struct cache_entry *file
     char key[KEY];
     struct cache_job *job;
     // With the file's hash: a draft may have been replaced since it was opened.
-    snprintf(key, sizeof key, "%s/%llu/factors/%llx/%u/%u", m->key,
+    snprintf(key, sizeof key, "%s/%llu/factors/%llx/%u/%u/%d", m->key,
              (unsigned long long)m->baked_generation,
-             (unsigned long long)prt_file_hash(file->value), in->first, in->most_rank);
+             (unsigned long long)prt_file_hash(file->value), in->first, in->most_rank,
+             in->exits);
     struct cache_entry *entry = cache_compute(m->server, key, &kind, &job);
     if (!job) return entry;
     struct factors_job *own = (struct factors_job *)job;
     own->first = in->first;
     own->most_rank = in->most_rank;
+    own->exits = in->exits;
     own->file = file;
     cache_job_hold(job, file);
     cache_job_submit(job);

@@ -5,9 +5,11 @@
 // reader delays only itself. While the state does not change, a picture by an image-space
 // engine is refined until it converges. While the hand moves and whole frames do not keep the
 // rate, pictures have half the width and height, and colours and coefficients are made of fewer
-// rows of the transport; the state that rests is drawn in full. Where a bake replaces the draft
+// rows of the transport; on a slow link colours are of fewer vertices; the state that rests is
+// drawn in full. Where a bake replaces the draft
 // that was drawn, some frames mix the two, so that the picture changes without a step.
 #include "net/dispatch.h"
+#include "ops/view_pace.h"
 #include "render/evaluation.h"
 #include "core/log.h"
 #include "store/models.h"
@@ -32,7 +34,7 @@ enum { MAX_FIELD = 64, REDUCED = 2, REDUCED_LEAST = 64, REDUCED_RANK = 16 };
 
 struct view_options {
     uint64_t gap_ns, deadline_ns, window, window_bytes;
-    bool skip_equal;
+    bool skip_equal, coarse;
 };
 
 struct view {
@@ -49,6 +51,10 @@ struct view {
     struct view_options options;
     uint64_t unshown_bytes;                  // payloads of the frames after `shown`
     uint64_t frame_bytes[SERVER_MAX_WINDOW]; // of frame i at i % SERVER_MAX_WINDOW
+    uint64_t frame_ns[SERVER_MAX_WINDOW];    // when it was sent; 0: its state rests
+    uint8_t frame_level[SERVER_MAX_WINDOW];  // of `pace`
+    uint64_t shown_ns;                       // when a frame was acknowledged last
+    struct view_pace pace;                   // of colours, with options.coarse
     uint64_t last_hash;                      // of the last frame's payload; 0: it had none
     uint64_t next_ns;                        // max_fps
     struct loop_timer late;                  // frame_deadline_ms of the frame that is drawn
@@ -125,12 +131,20 @@ static void model_has_changed(struct model_watcher *watcher)
 static void count_frame(struct view *v, uint64_t bytes)
 {
     v->frame_bytes[v->frame % SERVER_MAX_WINDOW] = bytes;
+    v->frame_ns[v->frame % SERVER_MAX_WINDOW] = v->moving ? loop_now_ns() : 0;
     v->unshown_bytes += bytes;
 }
 
 static void acknowledge(struct view *v, uint64_t shown)
 {
     if (shown > v->frame) shown = v->frame;
+    if (shown > v->shown) {
+        const uint64_t sent = v->frame_ns[shown % SERVER_MAX_WINDOW];
+        v->shown_ns = loop_now_ns();
+        if (sent)
+            view_pace_acknowledged(&v->pace, (double)(v->shown_ns - sent) * 1e-6,
+                                   v->frame_level[shown % SERVER_MAX_WINDOW]);
+    }
     while (v->shown < shown) v->unshown_bytes -= v->frame_bytes[++v->shown % SERVER_MAX_WINDOW];
 }
 
@@ -153,8 +167,9 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__Cost cost;
     char text[500];
     render_cost_message(result, &cost);
-    cost.reduced = v->reduced ? REDUCED : 0;
-    v->request->server->stats.frames_reduced += v->reduced;
+    const unsigned level = v->drawn.coarse;
+    cost.reduced = level ? 1u << level : v->reduced ? REDUCED : 0;
+    v->request->server->stats.frames_reduced += cost.reduced > 0;
     stats_work(&v->request->server->stats, RELIGHT_TYPE_VIEW_OPEN, (double)cost.queue_ms * 1e-3,
                (double)(cost.total_ms - cost.queue_ms) * 1e-3);
     out.frame = ++v->frame;
@@ -182,6 +197,7 @@ static void send_frame(struct view *v, struct render_result *result)
         payload = NULL;
     }
     count_frame(v, payload ? payload->size : 0);
+    v->frame_level[v->frame % SERVER_MAX_WINDOW] = (uint8_t)level;
     v->request->server->stats.frames_sent++;
     request_part(v->request, &out.base, payload);
 }
@@ -320,6 +336,12 @@ static bool should_reduce(const struct view *v)
     return (picture || rows) && v->moving && v->full_ns > gap;
 }
 
+// Whether colours may be of fewer vertices: a client that can expand them, on any link.
+static bool may_be_coarse(const struct view *v)
+{
+    return v->options.coarse && v->moving && !v->spec.picture && !is_coefficients(&v->spec);
+}
+
 static void reduce(struct render_spec *spec)
 {
     spec->width = (spec->width + REDUCED - 1) / REDUCED;
@@ -330,9 +352,14 @@ static void reduce(struct render_spec *spec)
 // The state that rests is drawn once more, as it was asked for.
 static void draw_exact_at_rest(struct view *v, uint64_t now)
 {
-    if (v->dirty || !v->reduced) return;
-    if (now < v->changed_ns + moving_ns) {
-        retry(v, v->changed_ns + moving_ns);
+    uint64_t rests_ns = v->changed_ns + moving_ns;
+    if (v->dirty || !(v->reduced || v->drawn.coarse)) return;
+    if (v->drawn.coarse) { // the client's next state may wait for this frame
+        if (v->frame > v->shown) return;
+        if (v->shown_ns + moving_ns > rests_ns) rests_ns = v->shown_ns + moving_ns;
+    }
+    if (now < rests_ns) {
+        retry(v, rests_ns);
     } else {
         v->moving = false;
         v->dirty = true;
@@ -385,6 +412,7 @@ static void draw(struct view *v)
         v->drawn_ns = now;
     }
     if (v->reduced) reduce(&spec);
+    spec.coarse = may_be_coarse(v) ? v->pace.level : 0;
     spec.hash = true;
     spec.refinement = v->refinement;
     if (!finer) use_draft(v, &spec);
@@ -415,12 +443,13 @@ static int read_options(const Relight__ViewOptions *in, struct view_options *out
         .window = in->window ? in->window : 2,
         .window_bytes = in->window_bytes,
         .skip_equal = in->skip_equal,
+        .coarse = in->coarse,
     };
     if (out->window > SERVER_MAX_WINDOW)
         return range_refuse(error, 300, in->window, 1, SERVER_MAX_WINDOW, "frames",
                             "options.window");
     return render_spec_colors(spec, (int)in->color_format, in->color_exposure_ev, in->most_rank,
-                              in->phases, error);
+                              in->phases, in->exits, error);
 }
 
 static void merge_options(struct view_options *to, struct render_spec *spec,
@@ -434,11 +463,13 @@ static void merge_options(struct view_options *to, struct render_spec *spec,
     if (render_fields_name(n, fields, "options.frame_deadline_ms"))
         to->deadline_ns = from->deadline_ns;
     if (render_fields_name(n, fields, "options.skip_equal")) to->skip_equal = from->skip_equal;
+    if (render_fields_name(n, fields, "options.coarse")) to->coarse = from->coarse;
     if (render_fields_name(n, fields, "options.color_format")) spec->format = colors->format;
     if (render_fields_name(n, fields, "options.color_exposure_ev"))
         spec->exposure_ev = colors->exposure_ev;
     if (render_fields_name(n, fields, "options.most_rank")) spec->most_rank = colors->most_rank;
     if (render_fields_name(n, fields, "options.phases")) spec->phases = colors->phases;
+    if (render_fields_name(n, fields, "options.exits")) spec->exits = colors->exits;
 }
 
 // Whether the state replaces the view's `part` as a whole or in fields.
@@ -608,7 +639,10 @@ void op_view_set(struct request *request)
             v->dropped++;
             request->server->stats.frames_dropped++;
         }
-        v->moving = loop_now_ns() - v->changed_ns < moving_ns;
+        const uint64_t now = loop_now_ns();
+        // A client that waits for each frame sends its states as slowly as its link is.
+        v->moving = now - v->changed_ns < moving_ns ||
+                    (v->options.coarse && now - v->shown_ns < moving_ns);
         invalidate(v);
         v->sequence = in->sequence;
     }

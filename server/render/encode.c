@@ -38,6 +38,12 @@ unsigned most_parts(const struct render_spec *spec)
     }
 }
 
+bool sends_exits(const struct render_spec *spec)
+{
+    // Planes of exit have negative numbers, which RGB9E5 has not.
+    return spec->exits && (is_coefficients(spec) || most_parts(spec) > 2);
+}
+
 size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *values)
 {
     if (is_coefficients(spec)) return values->coefficients.n_half * sizeof(uint16_t);
@@ -90,6 +96,21 @@ void encode_colors(const struct prt_context *ctx, const struct render_spec *spec
     else
         prt_parallel_for(ctx, NULL, (size_t)values->n_plane * values->n_vertex, 4096,
                          encode_range, &e);
+}
+
+int encode_coarse(const struct prt_context *ctx, const struct render_spec *spec,
+                  const struct vertex_values *values, const uint32_t *vertex, uint32_t n,
+                  uint8_t *to)
+{
+    float *part = prt_alloc(3 * (size_t)n + 1, sizeof *part);
+    for (unsigned k = 0; part && k < values->n_plane; k++) {
+        const float *from = values->values + 3 * (size_t)k * values->n_vertex;
+        for (size_t i = 0; i < n; i++) memcpy(part + 3 * i, from + 3 * (size_t)vertex[i], 12);
+        encode_some_colors(ctx, spec->format, spec->exposure_ev, part, n,
+                           to + k * n * color_bytes(spec->format));
+    }
+    prt_free(part);
+    return part ? PRT_OK : PRT_NOMEM;
 }
 
 // ---- pictures

@@ -108,7 +108,8 @@ struct cache_entry *material_contraction_get(struct model *model, uint64_t gener
 
 /* Values at the vertices for one light and query. */
 struct vertex_values {
-    unsigned n_plane;          /* with vertex_query.phases: M and S_k of PROTOCOL.md */
+    unsigned n_plane;          /* with most_apart: M, S_k and planes of exit of PROTOCOL.md */
+    unsigned n_exit;           /* of them planes of exit */
     uint32_t n_vertex, shared; /* shared: evaluations in its pass */
     float
         material_error; /* relative RMS error of projecting the material on the bake's bases */
@@ -122,6 +123,7 @@ struct vertex_query {
     bool coefficients;   /* in place of both */
     uint32_t most_rank;  /* rows of a cluster; 0: all */
     bool phases;
+    bool exits; /* the planes of exit, where parts are apart and of coefficients */
     int format; /* of colours, a Relight__ColorFormat; COLOR_F32 of all others */
     float exposure_ev;
     struct cache_entry *media;   /* of media.c; NULL: the bake's */
@@ -150,6 +152,19 @@ struct cache_entry *irradiance_get(struct server *server, const char *key,
  * memory. */
 struct cache_entry *encoded_colors_get(struct server *server, const struct render_spec *spec,
                                        struct cache_entry *values);
+
+/* ---- coarse_order.c: struct coarse_order ---- */
+
+struct coarse_order {
+    uint32_t n, n_root;
+    uint64_t hash;
+    const uint32_t *vertex; /* [n], of struct prt_coarse_order */
+    uint8_t *bytes;         /* of the wire: u32 vertex[n], at `parents` u32 parent[n][2] */
+    size_t parents, size;
+};
+struct cache_entry *coarse_order_get(struct model *model, struct cache_entry *file);
+/* Colours of a frame of this level: 1/2^level of the vertices. */
+uint32_t coarse_count(const struct coarse_order *coarse, unsigned level);
 
 /* ---- surface_maps.c: struct prt_screen_map ---- */
 
@@ -182,21 +197,6 @@ screen_radiance_get(struct server *server, const char *key, const struct screen_
                     struct cache_entry *shape, struct cache_entry *visibility,
                     struct cache_entry *light, struct cache_entry *const map[3]);
 
-/* One evaluation stops waiting for this pending entry; the last one cancels its job. */
-void screen_radiance_unwant(struct cache_entry *shape, struct cache_entry *entry);
-
-/* The running mean of a view's pictures while its state does not change. Held by the view and
- * by the evaluation that adds to it; changed by the evaluation's worker alone. */
-struct refinement {
-    unsigned refs;            /* loop thread */
-    uint32_t n_frame, n_mean; /* drawn; of them in the mean: those by the engine */
-    uint32_t n_point, n_sample;
-    int engine;
-    double expected_error; /* of one picture by it */
-    bool converged;
-    float (*mean)[3];
-};
-struct refinement *refinement_create(void);
 /* ---- walk_ratio.c: struct walk_ratio ---- */
 
 struct walk_ratio {
@@ -212,6 +212,21 @@ struct cache_entry *walk_ratio_get(struct model *model, const struct render_spec
                                    struct cache_entry *shape, struct cache_entry *media,
                                    bool *other);
 
+/* One evaluation stops waiting for this pending entry; the last one cancels its job. */
+void screen_radiance_unwant(struct cache_entry *shape, struct cache_entry *entry);
+
+/* The running mean of a view's pictures while its state does not change. Held by the view and
+ * by the evaluation that adds to it; changed by the evaluation's worker alone. */
+struct refinement {
+    unsigned refs;            /* loop thread */
+    uint32_t n_frame, n_mean; /* drawn; of them in the mean: those by the engine */
+    uint32_t n_point, n_sample;
+    int engine;
+    double expected_error; /* of one picture by it */
+    bool converged;
+    float (*mean)[3];
+};
+struct refinement *refinement_create(void);
 void refinement_release(struct refinement *refinement);
 double refinement_error(const struct refinement *refinement);
 int refinement_add(struct refinement *refinement, const struct screen_radiance *radiance);
@@ -220,6 +235,8 @@ int refinement_add(struct refinement *refinement, const struct screen_radiance *
 
 /* Colours whose parts are sent apart: at most so many; 0: one colour a vertex. */
 unsigned most_parts(const struct render_spec *spec);
+/* Whether colours or coefficients of a bake that has planes of exit come with them. */
+bool sends_exits(const struct render_spec *spec);
 static inline bool is_coefficients(const struct render_spec *spec)
 {
     return !spec->picture && spec->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
@@ -230,6 +247,10 @@ int check_factored(const struct model *model, const struct prt_transport *transp
 size_t color_bytes(int format); /* of one colour; 0: of no colour */
 /* Of one plane of colours or coefficients in the spec's format, without padding. */
 size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *values);
+/* The colours of the first n vertices of a coarse order: [values->n_plane][n]. */
+int encode_coarse(const struct prt_context *ctx, const struct render_spec *spec,
+                  const struct vertex_values *values, const uint32_t *vertex, uint32_t n,
+                  uint8_t *to);
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
                    const struct vertex_values *values, uint8_t *to);
 /* n colours [n][3], on the calling thread. */

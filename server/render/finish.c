@@ -72,6 +72,25 @@ static struct vertex_values *mixed_values(const struct render *r)
     return v;
 }
 
+static int encode_plane(const struct render *r, const struct prt_context *ctx,
+                        const struct vertex_values *v, uint8_t *to)
+{
+    const struct cache_entry *coarse = r->coarse.entry;
+    if (coarse)
+        return encode_coarse(ctx, &r->spec, v, ((struct coarse_order *)coarse->value)->vertex,
+                             r->result.n_coarse, to);
+    encode_colors(ctx, &r->spec, v, to);
+    return PRT_OK;
+}
+
+// Bytes of one plane, without padding.
+static size_t own_plane_bytes(const struct render *r, const struct vertex_values *v)
+{
+    return r->coarse.entry
+               ? (size_t)v->n_plane * r->result.n_coarse * color_bytes(r->spec.format)
+               : plane_bytes(&r->spec, v);
+}
+
 static int run_colors(struct render *r, const struct prt_context *ctx)
 {
     unsigned n = render_n_values(&r->spec);
@@ -80,16 +99,17 @@ static int run_colors(struct render *r, const struct prt_context *ctx)
     if (!bytes) return PRT_NOMEM;
     double start = prt_time_s();
     struct vertex_values *mixed = r->faded ? mixed_values(r) : NULL;
-    for (unsigned i = 0; i < n; i++) {
+    int status = PRT_OK;
+    for (unsigned i = 0; i < n && !status; i++) {
         const struct vertex_values *v = mixed ? mixed : r->vertex_values[i].entry->value;
-        encode_colors(ctx, &r->spec, v, bytes + i * plane);
-        size_t used = plane_bytes(&r->spec, v);
+        status = encode_plane(r, ctx, v, bytes + i * plane);
+        size_t used = own_plane_bytes(r, v);
         memset(bytes + i * plane + used, 0, plane - used);
     }
     free(mixed);
     r->result.encode_ms = (float)((prt_time_s() - start) * 1e3);
     own_payload(r, bytes, n * plane, prt_free);
-    return PRT_OK;
+    return status;
 }
 
 // The radiance by an image-space engine, or the running mean with it added.
@@ -99,6 +119,26 @@ static int point_radiance(const struct render *r, const float (**rgb)[3])
     struct refinement *refinement = r->spec.refinement;
     int status = refinement ? refinement_add(refinement, found) : PRT_OK;
     *rgb = refinement ? (const float(*)[3])refinement->mean : found->rgb;
+    return status;
+}
+
+// Shades the radiance of an image-space engine, scaled by the walk ratio where there is one.
+static int shade_points(const struct render *r, const struct prt_context *ctx,
+                        const struct prt_shade *shade, struct prt_image *image)
+{
+    const struct prt_visibility *visibility = r->visibility.entry->value;
+    const bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
+    const struct walk_ratio *w = r->ratio ? r->ratio->value : NULL;
+    const float(*rgb)[3];
+    int status = point_radiance(r, &rgb);
+    if (status || r->spec.quiet) return status;
+    if (!w) return prt_shade_points(ctx, visibility, rgb, shade, image);
+    float(*scaled)[3] = NULL;
+    status = prt_walk_ratio_scale(ctx, w->ratio, total ? PRT_WALK_ALL : PRT_WALK_MULTIPLE,
+                                  visibility, rgb, &scaled);
+    if (!status)
+        status = prt_shade_points(ctx, visibility, (const float(*)[3])scaled, shade, image);
+    prt_free(scaled);
     return status;
 }
 
@@ -122,26 +162,6 @@ static int shade(const struct render *r, const struct prt_context *ctx, struct p
     if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) shade.leave_out = PRT_LOOK_ALL;
     if (*r->spec.map[0]) shade.leave_out |= PRT_LOOK_BASE; // uploaded maps replace the file's
     if (*r->spec.map[1] || *r->spec.map[2]) shade.leave_out |= PRT_LOOK_NORMAL;
-// Shades the radiance of an image-space engine, scaled by the walk ratio where there is one.
-static int shade_points(const struct render *r, const struct prt_context *ctx,
-                        const struct prt_shade *shade, struct prt_image *image)
-{
-    const struct prt_visibility *visibility = r->visibility.entry->value;
-    const bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    const struct walk_ratio *w = r->ratio ? r->ratio->value : NULL;
-    const float(*rgb)[3];
-    int status = point_radiance(r, &rgb);
-    if (status || r->spec.quiet) return status;
-    if (!w) return prt_shade_points(ctx, visibility, rgb, shade, image);
-    float(*scaled)[3] = NULL;
-    status = prt_walk_ratio_scale(ctx, w->ratio, total ? PRT_WALK_ALL : PRT_WALK_MULTIPLE,
-                                  visibility, rgb, &scaled);
-    if (!status)
-        status = prt_shade_points(ctx, visibility, (const float(*)[3])scaled, shade, image);
-    prt_free(scaled);
-    return status;
-}
-
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
     if (r->screen) return shade_points(r, ctx, &shade, image);
     struct vertex_values *mixed = r->faded ? mixed_values(r) : NULL;
@@ -235,26 +255,6 @@ static void preview_note(const struct render *r, char note[120])
         snprintf(note, 120, "preview: no bake was ordered");
 }
 
-static void set_screen_result(struct render *r)
-{
-    const struct screen_radiance *found = r->screen_radiance.entry->value;
-    struct render_result *out = &r->result;
-    out->preview = true;
-    out->engine = RELIGHT__ENGINE__ENGINE_SPLAT + (int)found->report.engine;
-    out->samples = found->report.n_asked;
-    out->frames = 1;
-    out->error_bound = (float)found->report.expected_error;
-    out->shared = 1;
-    preview_note(r, out->note);
-}
-
-static void set_draft_result(struct render *r)
-{
-    struct render_result *out = &r->result;
-    const struct model *m = r->bakes;
-    out->draft = true;
-    out->converged = false; // the bake's answer follows
-    out->bake_fraction = m->state == RELIGHT__MODEL_STATE__MODEL_READY ? 1
 // What the walk ratio is and how well it is known.
 static void note_ratio(const struct render *r, char note[120])
 {
@@ -266,6 +266,27 @@ static void note_ratio(const struct render *r, char note[120])
              w->report.most, 100 * w->report.standard_error);
 }
 
+static void set_screen_result(struct render *r)
+{
+    const struct screen_radiance *found = r->screen_radiance.entry->value;
+    struct render_result *out = &r->result;
+    out->preview = true;
+    out->engine = RELIGHT__ENGINE__ENGINE_SPLAT + (int)found->report.engine;
+    out->samples = found->report.n_asked;
+    out->frames = 1;
+    out->error_bound = (float)found->report.expected_error;
+    out->shared = 1;
+    preview_note(r, out->note);
+    note_ratio(r, out->note);
+}
+
+static void set_draft_result(struct render *r)
+{
+    struct render_result *out = &r->result;
+    const struct model *m = r->bakes;
+    out->draft = true;
+    out->converged = false; // the bake's answer follows
+    out->bake_fraction = m->state == RELIGHT__MODEL_STATE__MODEL_READY ? 1
                          : m->job ? (float)job_fraction(m->job)
                                   : 0;
     snprintf(out->note, sizeof out->note, "draft: the bake is at %.0f %%",
@@ -277,7 +298,6 @@ static void set_faded_result(struct render *r)
 {
     struct render_result *out = &r->result;
     const float w = r->spec.fade;
-    note_ratio(r, out->note);
     out->draft = true;
     out->converged = false;
     out->bake_fraction = 1;
@@ -350,11 +370,19 @@ static void set_coefficients(struct render *r)
 static void set_planes(struct render *r)
 {
     struct render_result *out = &r->result;
-    size_t plane = plane_bytes(&r->spec, r->vertex_values[0].entry->value);
+    if (r->coarse.entry) {
+        const struct coarse_order *coarse = r->coarse.entry->value;
+        out->n_coarse = coarse_count(coarse, r->spec.coarse);
+        out->coarse_order = coarse->hash;
+    }
+    size_t plane = own_plane_bytes(r, r->vertex_values[0].entry->value);
     out->plane_bytes = out->n_plane > 1 ? (plane + 63) / 64 * 64 : plane;
     if (is_coefficients(&r->spec)) set_coefficients(r);
-    if (most_parts(&r->spec))
-        out->n_part = ((struct vertex_values *)r->vertex_values[0].entry->value)->n_plane;
+    if (most_parts(&r->spec)) {
+        const struct vertex_values *v = r->vertex_values[0].entry->value;
+        out->n_part = v->n_plane;
+        out->n_exit = v->n_exit;
+    }
     if (is_coefficients(&r->spec) || out->n_part) set_outgoing(r);
 }
 
@@ -422,7 +450,7 @@ void render_finish(struct render *r)
         return;
     }
     set_cost(r);
-    if (!s->picture && r->result.n_plane == 1 && !r->faded) {
+    if (!s->picture && r->result.n_plane == 1 && !r->faded && !r->coarse.entry) {
         take_entry(r);
         bool small = r->result.payload.size <= MOST_ON_LOOP;
         if (small && s->hash) hash_payload(r);

@@ -66,6 +66,8 @@ struct render_spec {
     uint32_t most_rank;  /* of coefficients; 0: all rows */
     uint32_t color_rank; /* of a view's colours that cannot keep their rate; 0: all rows */
     bool phases;         /* the planes that depend on the view are sent, too */
+    bool exits;          /* and the planes of exit */
+    unsigned coarse;     /* of colours of a view: of 1/2^coarse of the vertices */
     /* picture */
     uint32_t width, height, samples;
     bool has_camera; /* eye and target, unless one of the next two is set */
@@ -104,7 +106,7 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
-                       uint32_t most_rank, bool phases, char error[300]);
+                       uint32_t most_rank, bool phases, bool exits, char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels, const char *hash);
 /* Index of the first that is no radiance in [0, 1e9]; n: all are. Thread-safe. */
@@ -136,8 +138,11 @@ struct render_result {
     struct payload payload;
     uint32_t n_vertex, n_plane, width, height;
     uint64_t plane_bytes, generation;
-    uint32_t n_part;  /* colours whose parts are apart: of each plane; else 0 */
-    uint64_t factors; /* coefficients: hash of the file with their U */
+    uint32_t n_part;       /* colours whose parts are apart: of each plane; else 0 */
+    uint32_t n_exit;       /* of them planes of exit, the last */
+    uint32_t n_coarse;     /* colours of so many vertices of a coarse order; 0: of all */
+    uint64_t coarse_order; /* its hash */
+    uint64_t factors;      /* coefficients: hash of the file with their U */
     uint32_t n_layer;
     struct prt_coefficient_layer layer[PRT_MOST_PARTS]; /* without their scales */
     float scale[PRT_MOST_PARTS][RENDER_MAX_LIGHTS];     /* of each plane */

@@ -61,6 +61,8 @@ static const char *const others[] = {"shade.materials",
                                      "options.frame_deadline_ms",
                                      "options.most_rank",
                                      "options.phases",
+                                     "options.exits",
+                                     "options.coarse",
                                      "options.skip_equal",
                                      "pose"};
 

@@ -60,6 +60,9 @@ void render_colors_message(const struct render_result *r, const struct render_sp
     out->format = spec->format;
     out->generation = r->generation;
     out->n_part = r->n_part;
+    out->n_exit = r->n_exit;
+    out->n_coarse = r->n_coarse;
+    out->coarse_order = r->coarse_order;
     if (r->n_part) {
         out->n_outgoing = r->n_outgoing;
         out->outgoing = r->outgoing;

@@ -296,7 +296,7 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
 }
 
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
-                       uint32_t most_rank, bool phases, char error[300])
+                       uint32_t most_rank, bool phases, bool exits, char error[300])
 {
     if (!is_value(&relight__color_format__descriptor, format))
         REFUSE(UNSUPPORTED, "format %d is unknown", format);
@@ -305,6 +305,7 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
     spec->exposure_ev = exposure_ev;
     spec->most_rank = most_rank;
     spec->phases = phases;
+    spec->exits = exits;
     return 0;
 }
 

@@ -54,7 +54,7 @@ void render_release(struct render *r)
     struct dependency *one[] = {
         &r->file,       &r->shape,    &r->variant,    &r->media,  &r->screen_radiance,
         &r->visibility, &r->specular, &r->background, &r->map[0], &r->map[1],
-        &r->map[2],     &r->encoded,  &r->floor};
+        &r->map[2],     &r->encoded,  &r->floor,      &r->coarse};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) release(&one[i]->entry);
     release(&r->faded);
     release(&r->ratio);
@@ -96,7 +96,7 @@ static bool any_failed(struct render *r)
         if (failed(r, &r->contracted_light[i])) return true;
     if (failed(r, &r->encoded) || failed(r, &r->file) || failed(r, &r->shape) ||
         failed(r, &r->variant) || failed(r, &r->media) || failed(r, &r->floor) ||
-        failed(r, &r->screen_radiance) || failed(r, &r->visibility) ||
+        failed(r, &r->coarse) || failed(r, &r->screen_radiance) || failed(r, &r->visibility) ||
         failed(r, &r->specular) || failed(r, &r->background) || failed(r, &r->map[0]) ||
         failed(r, &r->map[1]) || failed(r, &r->map[2]))
         return true;
@@ -285,6 +285,7 @@ static void vertex_query(const struct render *r, struct vertex_query *query)
                                                 : s->picture       ? 0
                                                                    : s->color_rank,
                                    .phases = is_coefficients(s) && s->phases,
+                                   .exits = sends_exits(s),
                                    .format = r->encodes ? s->format
                                                         : (int)RELIGHT__COLOR_FORMAT__COLOR_F32,
                                    .exposure_ev = s->exposure_ev,
@@ -337,8 +338,8 @@ static void choose_encoding(struct render *r)
 {
     const struct render_spec *s = &r->spec;
     struct vertex_query query;
-    if (s->picture || s->values || s->fade_from || is_coefficients(s) || most_parts(s) ||
-        render_n_values(s) > 1 || s->term == RELIGHT__TERM__TERM_IRRADIANCE ||
+    if (s->picture || s->values || s->fade_from || s->coarse || is_coefficients(s) ||
+        most_parts(s) || render_n_values(s) > 1 || s->term == RELIGHT__TERM__TERM_IRRADIANCE ||
         s->format == RELIGHT__COLOR_FORMAT__COLOR_F32)
         return;
     vertex_query(r, &query);
@@ -481,12 +482,14 @@ static void step_radiance(struct render *r)
     if (r->spec.picture && r->spec.floor) depend_on_floor(r);
     if (r->screen) {
         depend_on_screen(r);
-        return;
         if (r->spec.term != RELIGHT__TERM__TERM_IRRADIANCE)
             r->ratio = walk_ratio_get(r->model, &r->spec, r->shape.entry, r->media.entry,
                                       &r->ratio_of_other);
+        return;
     }
     fade(r);
+    if (r->spec.coarse && !r->spec.picture && !r->spec.values && !is_coefficients(&r->spec))
+        depend(r, &r->coarse, coarse_order_get(r->model, r->file.entry));
     struct vertex_query query;
     vertex_query(r, &query);
     for (unsigned i = 0; i < render_n_values(&r->spec); i++) {
@@ -503,7 +506,7 @@ static void step_radiance(struct render *r)
 // Of floats that are in the cache. Colours of several planes are encoded with their answer.
 static void step_encoding(struct render *r)
 {
-    if (r->encodes || r->spec.picture || r->spec.values || r->faded ||
+    if (r->encodes || r->spec.picture || r->spec.values || r->faded || r->coarse.entry ||
         render_n_values(&r->spec) > 1 || r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32 ||
         is_coefficients(&r->spec))
         return;
@@ -599,7 +602,7 @@ static void leave_all(struct render *r)
 {
     struct dependency *one[] = {&r->file,     &r->shape,      &r->media,  &r->visibility,
                                 &r->specular, &r->background, &r->map[0], &r->map[1],
-                                &r->map[2],   &r->encoded,    &r->floor};
+                                &r->map[2],   &r->encoded,    &r->floor,  &r->coarse};
     if (r->fading) {
         render_cancel(r->fading);
         r->fading = NULL;

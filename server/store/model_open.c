@@ -196,11 +196,22 @@ struct model_hashes model_hashes(const struct prt_file *file)
     return out;
 }
 
+static void learn_variants(struct model *m, const struct prt_mesh *mesh)
+{
+    struct prt_mesh_variant *names = malloc((mesh->n_variant + 1) * sizeof *names);
+    if (!names) return;
+    if (mesh->n_variant) memcpy(names, mesh->variant, mesh->n_variant * sizeof *names);
+    free(m->variant);
+    m->variant = names;
+    m->n_variant = mesh->n_variant;
+}
+
 static void learn_mesh(struct model *m, const struct prt_file *file)
 {
     const struct prt_mesh *mesh = &prt_file_transport(file)->mesh;
     struct model_facts *f = &m->facts;
     if (f->known) return;
+    learn_variants(m, mesh);
     *f = (struct model_facts){.known = true,
                               .n_vertex = mesh->n_vertex,
                               .n_triangle = mesh->n_triangle,
@@ -210,12 +221,20 @@ static void learn_mesh(struct model *m, const struct prt_file *file)
     memcpy(f->box, f->file_box, sizeof f->box);
 }
 
+static uint32_t exit_planes(const struct prt_transport *t)
+{
+    for (uint32_t i = 0; i < t->n_tensor; i++)
+        if (t->tensor[i].term == PRT_TERM_VIEW) return t->tensor[i].n_phase;
+    return 0;
+}
+
 static void learn_facts(struct model *m, const struct prt_file *file)
 {
     const struct prt_transport *t = prt_file_transport(file);
     struct model_facts *f = &m->facts;
     float box[2][3];
     memcpy(box, f->box, sizeof box);
+    learn_variants(m, &t->mesh);
     *f = (struct model_facts){.known = true,
                               .baked = true,
                               .n_vertex = t->mesh.n_vertex,
@@ -225,6 +244,7 @@ static void learn_facts(struct model *m, const struct prt_file *file)
                               .engine = t->engine,
                               .storage = t->n_tensor ? t->tensor[0].storage : 0,
                               .cube = t->cube,
+                              .exit_planes = exit_planes(t),
                               .bytes = prt_file_bytes(file),
                               .error_multiple = json_error(t->errors, "multiple"),
                               .error_single = json_error(t->errors, "single"),

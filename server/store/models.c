@@ -314,6 +314,7 @@ void model_release(struct model *m)
         next = a->next;
         free(a);
     }
+    free(m->variant);
     free(m->warnings);
     free(m->source);
     free(m->file);

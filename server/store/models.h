@@ -27,7 +27,7 @@ struct model_facts {
     bool known, baked; /* of a bake: else of the mesh alone */
     uint32_t n_vertex, n_triangle, n_object;
     float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
-    uint32_t engine, storage, cube;
+    uint32_t engine, storage, cube, exit_planes;
     uint64_t bytes;
     float error_multiple, error_single, error_view, error_total; /* measured relative RMSE,
                                                                   * worst light; 0: unknown */
@@ -97,7 +97,9 @@ struct model {
     char job_id[32];     /* the last one's; "": none was */
     struct cache_entry *pin;
     struct model_facts facts;
-    char *warnings; /* lines; NULL: none */
+    uint32_t n_variant;               /* of its file, once that was read */
+    struct prt_mesh_variant *variant; /* [n_variant] */
+    char *warnings;                   /* lines; NULL: none */
     int error_code;
     char error[400];
     uint64_t generation;       /* of the geometry: grows when vertices move */
@@ -166,9 +168,9 @@ struct model_hashes model_hashes(const struct prt_file *file);
 void model_watch(struct model *model, struct model_watcher *watcher);
 void model_unwatch(struct model *model, struct model_watcher *watcher);
 void model_changed(struct model *model);
+void model_wake(struct model *model); /* its watchers alone: a picture of it would differ */
 /* Publishes an event of this Relight__EventKind about the model; model_changed, model_add,
  * model_set_state and the removal of a model do so themselves. before: the id of the version
-void model_wake(struct model *model); /* its watchers alone: a picture of it would differ */
  * that it replaces, "" otherwise. */
 void model_publish(const struct model *model, int kind, const char *before);
 /* Sets `state` and publishes the change. */

@@ -21,7 +21,8 @@ import { ownScenarios } from "./own-scene.mjs";
 import { replicaScenarios } from "./replicas.mjs";
 import { reviewScenarios } from "./review.mjs";
 import { roomScenarios } from "./rooms.mjs";
-import { noteFrames, SlowLink } from "./slow-link.mjs";
+import { noteFrames, SlowLink, turnUntil } from "./slow-link.mjs";
+import { streamScenarios } from "./streams.mjs";
 import { toy } from "./toy.mjs";
 
 const [bin, web, shots] = process.argv.slice(2);
@@ -72,8 +73,15 @@ function bake() {
   mkdirSync(join(folder, "models"));
   writeFileSync(join(folder, "bumps.obj"), bumpySphere());
   writeFileSync(join(folder, "toy.glb"), toy());
+  const write = 'import variant_model; variant_model.write("variants.glb")';
+  const units = join(import.meta.dirname, "../unit");
+  const env = { ...process.env, PYTHONPATH: units, PYTHONDONTWRITEBYTECODE: "1" };
+  const written = spawnSync("/usr/bin/python3", ["-c", write], { cwd: folder, env });
+  assert.equal(written.status, 0, String(written.stderr));
   // Another model of nearly the same surface: pins of the first find their place by position.
   writeFileSync(join(folder, "shorter.obj"), bumpySphere().replace(/^v .*$/gm, shorter));
+  const thin = join(folder, "thin.json"); // a medium whose single scattering is much of its light
+  writeFileSync(thin, '{"sigma_s_prime":[0.5,0.5,0.5],"sigma_a":[0.02,0.05,0.1],"eta":1.3}');
   const common = ["--size-mm", "20", "--cube", "16", "--samples", "6000"];
   for (const [name, file, extra] of [
     ["marble", "bumps.obj", ["--material", "marble"]],
@@ -84,6 +92,9 @@ function bake() {
       ["--transport", "joint", "--material", "Left=skin2", "--material", "skin1"],
     ],
     ["shorter", "shorter.obj", ["--material", "wholemilk"]],
+    ["thin", "bumps.obj", ["--material", thin, "--exit-planes"]],
+    ["thin-open", "bumps.obj", ["--exit-planes"]],
+    ["variants", "variants.glb", []],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
     const done = spawnSync(join(bin, "prt"), [
@@ -122,6 +133,7 @@ async function start(port = 0, options = []) {
       join(folder, "models"),
       "--data",
       join(folder, "data"),
+      "--preview-walks=no",
       "--prt",
       smallBaker(),
       "--page",
@@ -622,21 +634,6 @@ const scenarios = {
     await mode(page, "mesh");
     await coefficients(page);
     await noteFrames(page);
-    // Until `enough` holds of the frames, or the hand has moved for a minute.
-    const dragUntil = async (enough) => {
-      const seen = await page.evaluate(() => globalThis.frames.length);
-      await page.keyboard.down("Shift");
-      await page.mouse.move(150, 150);
-      await page.mouse.down();
-      let frames = [];
-      for (let i = 0; i < 1500 && !enough(frames); i++) {
-        await page.mouse.move(150 + (i % 120), 150);
-        frames = await page.evaluate((n) => globalThis.frames.slice(n), seen);
-      }
-      await page.mouse.up();
-      await page.keyboard.up("Shift");
-      return frames;
-    };
     const say = (what, frames) => {
       const s = Math.max(1, frames.at(-1).atMs - frames[0].atMs) / 1000;
       const delays = frames.map(({ delayMs }) => delayMs).sort((a, b) => a - b);
@@ -647,14 +644,14 @@ const scenarios = {
           `${Math.max(...frames.map(({ waits }) => waits))}`,
       );
     };
-    const wide = await dragUntil((frames) => frames.length >= 40);
+    const wide = await turnUntil(page, (frames) => frames.length >= 40);
     say("5 Mbit/s, 80 ms", wide);
     const most = Math.max(...wide.map(({ waits }) => waits));
     assert.ok(most >= 2 && most <= 4, `${most} states outstanding`);
     // So thin that a whole frame takes 300 ms: those of the moving hand have fewer rows.
     const whole = Math.max(...wide.map(({ bytes }) => bytes));
     link.rate = whole / 0.3;
-    const thin = await dragUntil((frames) => frames.some(({ rows }) => rows > 0));
+    const thin = await turnUntil(page, (frames) => frames.some(({ rows }) => rows > 0));
     say("300 ms a frame", thin);
     const coarse = thin.find(({ rows }) => rows > 0);
     assert.ok(coarse.rows === 16 || coarse.rows === 8, `${coarse.rows} rows`);
@@ -849,6 +846,16 @@ const scenarios = {
     }
   },
 
+  ...streamScenarios({
+    open,
+    mode,
+    coefficients,
+    settled,
+    linear,
+    difference,
+    againstDaemon,
+    PATIENCE,
+  }),
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
   ...ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE }),
   ...replicaScenarios({ open, mode, start, stop, daemon: () => daemon, folder, PATIENCE }),

@@ -60,8 +60,26 @@ export const noteFrames = (page) =>
         delayMs: own ? performance.now() - own.atMs : 0,
         waits: view.waits,
         rows: frame.colors?.coefficients?.mostRank ?? 0,
+        coarse: frame.colors?.nCoarse ?? 0,
         bytes: payload.length,
       });
       received(frame, payload);
     };
   });
+
+/** Turns the light by a drag until `enough` holds of the frames, which are returned; for 1500 moves
+ * at most. noteFrames() comes first. */
+export async function turnUntil(page, enough) {
+  const seen = await page.evaluate(() => globalThis.frames.length);
+  await page.keyboard.down("Shift");
+  await page.mouse.move(150, 150);
+  await page.mouse.down();
+  let frames = [];
+  for (let i = 0; i < 1500 && !enough(frames); i++) {
+    await page.mouse.move(150 + (i % 120), 150);
+    frames = await page.evaluate((n) => globalThis.frames.slice(n), seen);
+  }
+  await page.mouse.up();
+  await page.keyboard.up("Shift");
+  return frames;
+}

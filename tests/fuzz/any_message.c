@@ -86,6 +86,7 @@ static void any_geometry(struct world *world, uint64_t id, uint64_t other, struc
     in.no_triangles = rnd_chance(r, 3);
     in.own_units = rnd_chance(r, 2);
     in.pose = world_any_pose(world);
+    in.coarse = rnd_chance(r, 4);
     EMIT(GEOMETRY, in);
 }
 
@@ -115,6 +116,7 @@ static void any_factors(struct world *world, uint64_t id, uint64_t other, struct
     in.most_rank = rnd_chance(r, 2)   ? 0
                    : rnd_chance(r, 2) ? 2 * rnd(r, 9)
                                       : (uint32_t)rnd_odd(r);
+    in.exits = rnd_chance(r, 2);
     EMIT(FACTORS, in);
 }
 

@@ -23,6 +23,7 @@ static void multiply(const struct relight_factors *factors, const struct relight
     if (!values) return;
     relight_coefficients_expand(factors, colors, colors->n_plane - 1, RELIGHT_MOST_PHASES,
                                 values, values + 3 * (size_t)factors->n_vertex, NULL);
+    relight_coefficients_exits(factors, colors, colors->n_plane - 1, values, NULL);
     relight_coefficients_colors(factors, colors, 0, 2, block, values, NULL);
     free(values);
 }

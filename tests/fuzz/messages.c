@@ -386,6 +386,7 @@ void message_colors(struct world *world, uint64_t id, uint64_t other, struct byt
     in.format = (Relight__ColorFormat)rnd(r, 6);
     in.most_rank = rnd_chance(r, 3) ? (uint32_t)rnd_odd(r) : 0;
     in.phases = rnd_chance(r, 2);
+    in.exits = rnd_chance(r, 2);
     in.pose = world_any_pose(world);
     message_emit(world, RELIGHT_TYPE_COLORS, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
@@ -441,6 +442,8 @@ static Relight__ViewState *view_state(struct world *world, struct state *s)
         s->options.color_format = (Relight__ColorFormat)rnd(r, 6);
         s->options.most_rank = rnd_chance(r, 3) ? (uint32_t)rnd_odd(r) : 0;
         s->options.phases = rnd_chance(r, 2);
+        s->options.exits = rnd_chance(r, 2);
+        s->options.coarse = rnd_chance(r, 2);
         s->options.max_fps = rnd_chance(r, 3) ? rnd(r, 1000) : 0;
         s->options.window = rnd_chance(r, 3) ? rnd(r, rnd_chance(r, 9) ? 300 : 8) : 0;
         s->options.window_bytes = rnd_chance(r, 3) ? rnd(r, 3000) : 0;

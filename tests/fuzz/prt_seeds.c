@@ -6,9 +6,10 @@
 #include "prt/radial.h"
 #include "synthetic.h"
 
-// The same with a name for each object and several media: sections that others lack. Where
-// clusters mix objects (they do in synthetic tensors of more than one) the file is refused when
-// it is opened, and is not written.
+// The same with a name for each object, several media and variants: sections that others lack;
+// and with one empty tensor, as the preview of a model has. Where clusters mix objects (they do
+// in synthetic tensors of more than one) the file is refused when it is opened, and is not
+// written.
 static int write_media(const struct prt_context *ctx, const char *folder, size_t i,
                        struct prt_transport *t)
 {
@@ -18,14 +19,38 @@ static int write_media(const struct prt_context *ctx, const char *folder, size_t
     uint8_t of_object[64] = {0};
     struct prt_object name[64] = {{"candle"}, {"foot"}};
     struct prt_transport own = *t;
+    struct prt_mesh_variant variant[2] = {{"night"}, {"day"}};
+    uint32_t surface[3 * 64];
     char path[4096];
-    if (t->mesh.n_object > 64) return 1;
+    if (t->mesh.n_object > 64 || t->mesh.n_block > 64) return 1;
     for (uint32_t k = 1; k < t->mesh.n_object; k++) of_object[k] = 1;
     own.media = (struct prt_media){2, medium, of_object};
     own.mesh.object = name;
+    for (uint32_t k = 0; k < 3 * t->mesh.n_block; k++)
+        surface[k] = (k / 3 + (k % 3 == 0)) % t->mesh.n_surface;
+    own.mesh.n_variant = 2;
+    own.mesh.variant = variant;
+    own.mesh.variant_surface = surface;
     snprintf(path, sizeof path, "%s/media-%zu.prt", folder, i);
     int status = prt_file_write(&quiet, path, &own);
-    return status && status != PRT_FORMAT;
+    if (status && status != PRT_FORMAT) return 1;
+    if (i) return 0;
+    uint32_t order[64];
+    struct prt_cluster all = {.n_vertex = t->mesh.n_vertex};
+    if (t->mesh.n_vertex > 64) return 1;
+    for (uint32_t v = 0; v < t->mesh.n_vertex; v++) order[v] = v;
+    own.engine = PRT_TRANSPORT_JOINT;
+    own.tensor[0] = (struct prt_tensor){.storage = PRT_STORAGE_RADIAL,
+                                        .coupling = PRT_COUPLE_FULL,
+                                        .n_vertex = t->mesh.n_vertex,
+                                        .n_function = 1,
+                                        .n_phase = 1,
+                                        .n_radial = 1,
+                                        .n_cluster = 1,
+                                        .order = order,
+                                        .cluster = &all};
+    snprintf(path, sizeof path, "%s/preview.prt", folder);
+    return prt_file_write(&quiet, path, &own);
 }
 
 // A tensor of walks in the media of a grid.

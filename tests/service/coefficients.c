@@ -23,12 +23,14 @@ static const struct synthetic_options shared = {.n_vertex = N,
                                                 .coefs = 60,
                                                 .seed = 1};
 
-// multiple: pairs; single: halves of n_phase planes; sparse: the second tensor is.
-static void write_model(const char *name, float g, uint32_t n_phase, bool opaque, bool sparse)
+// multiple: pairs; single: halves of n_phase planes; sparse: the second tensor is; exits: a
+// third has planes of exit.
+static void write_model(const char *name, float g, uint32_t n_phase, bool opaque, bool sparse,
+                        bool exits)
 {
     struct prt_context ctx;
-    struct synthetic_options a = shared, b = shared;
-    struct prt_transport t = {.cube = CUBE, .n_tensor = 2};
+    struct synthetic_options a = shared, b = shared, c = shared;
+    struct prt_transport t = {.cube = CUBE, .n_tensor = exits ? 3 : 2};
     char path[160];
     const struct prt_material medium = {.sigma_s_prime = {1, 1.5f, 2},
                                         .sigma_a = {0.01f, 0.02f, 0.03f},
@@ -48,10 +50,16 @@ static void write_model(const char *name, float g, uint32_t n_phase, bool opaque
     assert_int_equal(synthetic_mesh(N, opaque, &t.mesh), 0);
     assert_int_equal(synthetic_tensor(&a, &t.tensor[0]), 0);
     assert_int_equal(synthetic_tensor(&b, &t.tensor[1]), 0);
+    c.value = PRT_VALUE_F16;
+    c.term = PRT_TERM_VIEW;
+    c.seed = 3;
+    c.n_phase = RELIGHT_EXIT_PLANES;
+    if (exits) assert_int_equal(synthetic_tensor(&c, &t.tensor[2]), 0);
     snprintf(path, sizeof path, "%s/%s", d.models, name);
     assert_int_equal(prt_file_write(&ctx, path, &t), 0);
     synthetic_tensor_finish(&t.tensor[0]);
     synthetic_tensor_finish(&t.tensor[1]);
+    if (exits) synthetic_tensor_finish(&t.tensor[2]);
     synthetic_mesh_finish(&t.mesh);
     struct relight_load load = {.path = name};
     struct relight_loaded loaded;
@@ -64,10 +72,12 @@ static int group_begin(void **state)
     daemon_folder(&d);
     daemon_start(&d, NULL);
     client = client_open(d.address);
-    write_model("even.prt", 0, 1, false, false);
-    write_model("phases.prt", 0.3f, 4, false, false);
-    write_model("opaque.prt", 0, 1, true, false);
-    write_model("sparse.prt", 0, 1, false, true);
+    write_model("even.prt", 0, 1, false, false, false);
+    write_model("phases.prt", 0.3f, 4, false, false, false);
+    write_model("opaque.prt", 0, 1, true, false, false);
+    write_model("sparse.prt", 0, 1, false, true, false);
+    write_model("exits.prt", 0, 1, false, false, true);
+    write_model("both.prt", 0.3f, 4, false, false, true);
     return 0;
 }
 
@@ -158,47 +168,71 @@ static void equal_colors(void **state)
     }
 }
 
-// PROTOCOL.md's formula at one vertex, with what the client received.
+// The harmonics of PROTOCOL.md, the first as 1: plane 0 is times it already.
+static void harmonics(const float w[3], float y[RELIGHT_EXIT_PLANES])
+{
+    const float x = w[0], v = w[1], z = w[2];
+    const float all[RELIGHT_EXIT_PLANES] = {1,
+                                            0.488603f * v,
+                                            0.488603f * z,
+                                            0.488603f * x,
+                                            1.092548f * x * v,
+                                            1.092548f * v * z,
+                                            0.315392f * (3 * z * z - 1),
+                                            1.092548f * x * z,
+                                            0.546274f * (x * x - v * v)};
+    memcpy(y, all, sizeof all);
+}
+
+// PROTOCOL.md's formula at one vertex, with what the client received. exits NULL: none.
 static void toward_eye(const struct relight_outgoing *o, const float n[3], const float w[3],
                        const float *multiple, const float *single, unsigned n_phase,
-                       float out[3])
+                       const float *exits, float out[3])
 {
     const float mu = n[0] * w[0] + n[1] * w[1] + n[2] * w[2], eta = o->eta;
     const float inside = sqrtf(1 - (1 - mu * mu) / (eta * eta));
     const float rs = (mu - eta * inside) / (mu + eta * inside);
     const float rp = (eta * mu - inside) / (eta * mu + inside);
     const float transmittance = (1 - 0.5f * (rs * rs + rp * rp)) / o->divisor;
-    float in[3];
+    float in[3], y[RELIGHT_EXIT_PLANES];
     for (int i = 0; i < 3; i++) in[i] = w[i] / eta + (inside - mu / eta) * n[i];
-    const float y[4] = {1, 0.488603f * in[1], 0.488603f * in[2], 0.488603f * in[0]};
+    harmonics(in, y);
     for (int c = 0; c < 3; c++) {
         float sum = 0;
         for (unsigned k = 0; k < n_phase; k++) sum += y[k] * single[k * 3 * N + (unsigned)c];
         sum = multiple[c] + (1 + o->view_slope * (1 - inside)) * sum;
+        for (unsigned k = 0; exits && k < RELIGHT_EXIT_PLANES; k++)
+            sum += y[k] * exits[k * 3 * N + (unsigned)c];
         out[c] = mu > 0 ? fmaxf(0, transmittance * sum) : 0;
     }
 }
 
 // Colours towards an eye from one answer without an eye: exact for a medium that scatters
-// evenly, and to the 2 % of the daemon's own fit (METHODS 3.6) for others.
+// evenly, and to the 2 % of the daemon's own fit (METHODS 3.6) for others. Models from 2 on
+// have planes of exit.
 static void equal_colors_toward_an_eye(void **state)
 {
-    static const char *const models[] = {"even.prt", "phases.prt"};
+    static const char *const models[] = {"even.prt", "phases.prt", "exits.prt", "both.prt"};
     static float multiple[3 * N], single[4 * 3 * N], got[3 * N], want[3 * N];
+    static float exits[RELIGHT_EXIT_PLANES * 3 * N];
     struct relight_light two[2];
     some_lights(two);
-    for (int m = 0; m < 2; m++) {
+    for (int m = 0; m < 4; m++) {
+        const unsigned n_phase = m % 2 ? 4 : 1;
         struct relight_factors factors;
         struct relight_geometry g;
         struct relight_colors rows, colors;
         struct relight_outgoing outgoing;
         struct relight_colors_request request = {
-            .model = models[m], .n_light = 1, .lights = two, .phases = true};
-        OK(relight_factors(client, models[m], 0, &factors, &error));
+            .model = models[m], .n_light = 1, .lights = two, .phases = true, .exits = true};
+        OK(relight_factors_with_exits(client, models[m], 0, &factors, &error));
+        assert_int_equal(factors.n_tensor, m < 2 ? 2 : 3);
         OK(relight_geometry(client, models[m], true, &g, &error));
         ask(&request, RELIGHT_COLOR_COEFFICIENTS, &rows);
-        assert_int_equal(rows.layer[1].n_phase, m ? 4 : 1);
+        assert_int_equal(rows.layer[1].n_phase, n_phase);
+        assert_int_equal(rows.n_layer, factors.n_tensor);
         OK(relight_coefficients_expand(&factors, &rows, 0, 4, multiple, single, &error));
+        OK(relight_coefficients_exits(&factors, &rows, 0, exits, &error));
         assert_int_equal(relight_colors_outgoing(&rows, 0, &outgoing), 0);
         request.shade = (struct relight_shade){.has_eye = true, .eye = {3, 9, 4}};
         ask(&request, RELIGHT_COLOR_F32, &colors);
@@ -210,11 +244,11 @@ static void equal_colors_toward_an_eye(void **state)
                 length += w[i] * w[i];
             }
             for (int i = 0; i < 3; i++) w[i] /= sqrtf(length);
-            toward_eye(&outgoing, g.normal[v], w, multiple + 3 * v, single + 3 * v, m ? 4 : 1,
-                       got + 3 * v);
+            toward_eye(&outgoing, g.normal[v], w, multiple + 3 * v, single + 3 * v, n_phase,
+                       m < 2 ? NULL : exits + 3 * v, got + 3 * v);
         }
         double difference = rmse(got, want, 3 * N);
-        if (!(difference <= (m ? 0.02 : 1e-3)))
+        if (!(difference <= (m % 2 ? 0.02 : 1e-3)))
             fail_msg("%s: relative RMSE %.3g", models[m], difference);
         relight_colors_finish(&rows);
         relight_colors_finish(&colors);
@@ -253,27 +287,35 @@ static void compare_parts(const struct relight_colors *parts, float *want, uint3
     assert_true(positive || rmse(sum, plain, 3 * N) <= 2e-3);
 }
 
-static void check_parts(const char *model, uint32_t n_phase, enum relight_term term,
-                        enum relight_color_format format)
+// n_exit: planes of exit of the bake.
+static void check_parts(const char *model, uint32_t n_phase, uint32_t n_exit,
+                        enum relight_term term, enum relight_color_format format)
 {
-    static float want[5 * 3 * N], plain[3 * N];
+    static float want[(5 + RELIGHT_EXIT_PLANES) * 3 * N], plain[3 * N];
     struct relight_light two[2];
     struct relight_factors factors;
     struct relight_colors rows, parts, colors;
     struct relight_colors_request request = {
         .model = model, .n_light = 2, .lights = two, .shade.term = term, .phases = true};
     const uint32_t all = term == RELIGHT_TERM_MULTIPLE ? 1 : 1 + n_phase;
+    const bool positive = format == RELIGHT_COLOR_RGB9E5;
+    request.exits = n_exit > 0;
+    if (term == RELIGHT_TERM_MULTIPLE || positive) n_exit = 0;
     some_lights(two);
-    OK(relight_factors(client, model, 0, &factors, &error));
+    OK(relight_factors_with_exits(client, model, 0, &factors, &error));
     ask(&request, RELIGHT_COLOR_COEFFICIENTS, &rows);
     ask(&request, format, &parts);
     assert_int_equal(parts.n_plane, 2);
-    assert_int_equal(parts.n_part, format == RELIGHT_COLOR_RGB9E5 && all > 2 ? 2 : all);
+    assert_int_equal(parts.n_part, positive && all > 2 ? 2 : all + n_exit);
+    assert_int_equal(parts.n_exit, n_exit);
     request.phases = false;
     ask(&request, RELIGHT_COLOR_F32, &colors);
     assert_int_equal(colors.n_part, 0);
     for (uint32_t l = 0; l < 2; l++) {
-        OK(relight_coefficients_expand(&factors, &rows, l, 4, want, want + 3 * N, &error));
+        OK(relight_coefficients_expand(&factors, &rows, l, n_phase, want, want + 3 * N,
+                                       &error));
+        OK(relight_coefficients_exits(&factors, &rows, l, want + 3 * N * (1 + n_phase),
+                                      &error));
         OK(relight_colors_decode(&colors, l, plain));
         compare_parts(&parts, want, l, plain);
     }
@@ -293,9 +335,41 @@ static void colours_in_parts(void **state)
                                                         RELIGHT_COLOR_RGB9E5};
     for (int t = 0; t < 3; t++)
         for (int f = 0; f < 3; f++) {
-            check_parts("even.prt", 1, terms[t], formats[f]);
-            check_parts("phases.prt", 4, terms[t], formats[f]);
+            check_parts("even.prt", 1, 0, terms[t], formats[f]);
+            check_parts("phases.prt", 4, 0, terms[t], formats[f]);
+            check_parts("exits.prt", 1, RELIGHT_EXIT_PLANES, terms[t], formats[f]);
+            check_parts("both.prt", 4, RELIGHT_EXIT_PLANES, terms[t], formats[f]);
         }
+}
+
+// A client that does not ask for planes of exit gets what one of a bake without them gets.
+static void planes_of_exit_on_request(void **state)
+{
+    static const enum relight_color_format formats[] = {RELIGHT_COLOR_COEFFICIENTS,
+                                                        RELIGHT_COLOR_F16};
+    struct relight_factors factors;
+    struct relight_model info;
+    struct relight_light two[2];
+    some_lights(two);
+    OK(relight_factors(client, "exits.prt", 0, &factors, &error));
+    assert_int_equal(factors.n_tensor, 2);
+    for (int f = 0; f < 2; f++) {
+        struct relight_colors plain;
+        struct relight_colors_request request = {
+            .model = "exits.prt", .n_light = 1, .lights = two, .phases = true};
+        ask(&request, formats[f], &plain);
+        assert_int_equal(plain.n_layer, f ? 0 : 2);
+        assert_int_equal(plain.n_part, f ? 2 : 0);
+        assert_int_equal(plain.n_exit, 0);
+        relight_colors_finish(&plain);
+    }
+    OK(relight_info(client, "exits.prt", &info, &error));
+    assert_int_equal(info.exit_planes, RELIGHT_EXIT_PLANES);
+    relight_model_finish(&info);
+    OK(relight_info(client, "even.prt", &info, &error));
+    assert_int_equal(info.exit_planes, 0);
+    relight_model_finish(&info);
+    relight_factors_finish(&factors);
 }
 
 // Fewer rows of coefficients, fewer columns of U, or both: the same sums.
@@ -496,6 +570,7 @@ int main(void)
         cmocka_unit_test(equal_colors),
         cmocka_unit_test(equal_colors_toward_an_eye),
         cmocka_unit_test(colours_in_parts),
+        cmocka_unit_test(planes_of_exit_on_request),
         cmocka_unit_test(fewer_rows),
         cmocka_unit_test(factors_in_parts),
         cmocka_unit_test(refusals),

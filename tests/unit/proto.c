@@ -227,7 +227,16 @@ static void names(void **state)
     assert_string_equal(relight_type_name(12), "COLORS");
     assert_string_equal(relight_type_name(12 | RELIGHT_TYPE_ANSWER), "COLORS");
     assert_string_equal(relight_type_name(RELIGHT_TYPE_ERROR), "ERROR");
+    assert_string_equal(relight_type_name(RELIGHT_TYPE_GOAWAY), "GOAWAY");
     assert_string_equal(relight_type_name(0), "unknown");
+    assert_string_equal(relight_type_name(RELIGHT_TYPE_N), "unknown");
+    for (uint16_t type = 1; type < RELIGHT_TYPE_N; type++) { // a message has a name of its own
+        const char *name = relight_type_name(type);
+        assert_int_equal(relight_type_message(type) != NULL, strcmp(name, "unknown") != 0);
+        for (uint16_t other = 1; other < type; other++)
+            if (relight_type_message(type))
+                assert_string_not_equal(relight_type_name(other), name);
+    }
     assert_null(relight_type_message(0));
     assert_null(relight_type_message(RELIGHT_TYPE_N));
     assert_ptr_equal(relight_type_message(0xffff), &relight__error__descriptor);

@@ -571,5 +571,6 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     n = vectors_add_access(out, n);
     n = add_coefficients(out, n);
     n = vectors_add_link(out, n);
+    n = vectors_add_viewers(out, n);
     return vectors_add_rooms(out, n);
 }

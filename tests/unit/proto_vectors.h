@@ -30,6 +30,8 @@ unsigned vector_exchange(struct vector *out, unsigned n, const char *name, uint1
 unsigned vectors_add_access(struct vector *out, unsigned n);
 /* A signed link, likewise. */
 unsigned vectors_add_link(struct vector *out, unsigned n);
+/* What viewers draw with, likewise. */
+unsigned vectors_add_viewers(struct vector *out, unsigned n);
 /* Those of review rooms, behind n; returns how many there are then. */
 unsigned vectors_add_rooms(struct vector *out, unsigned n);
 

@@ -417,7 +417,8 @@ struct relight_model {
     const struct relight_named_camera *camera;
     size_t n_medium;            /* JSON texts of its media; relight_info only */
     const char *const *medium;  /* [n_medium] */
-    size_t n_variant;           /* names for relight_shade.variant; relight_info only */
+    uint32_t exit_planes;       /* of the bake: 9, or 0 */
+    size_t n_variant;           /* names for relight_shade.variant, once the file was read */
     const char *const *variant; /* [n_variant] */
     const char *failure;        /* of RELIGHT_MODEL_FAILED, else "" */
     void *owner;                /* NULL for members of a list */
@@ -742,8 +743,9 @@ struct relight_cost {
     uint32_t samples, frames; /* image space: see relight.proto; 0 otherwise */
     bool converged;           /* a view sends nothing finer of this state */
     uint32_t reduced;    /* a view that cannot keep its rate: the picture has 1/reduced of the
-                            width and height asked for, coefficients have fewer rows, and an exact
-                            frame follows; 0: as asked for */
+                            width and height asked for, coefficients have fewer rows, colours
+                            1/reduced of the vertices, and an exact frame follows; 0: as asked
+                            for */
     bool draft;          /* a draft answered, or a view fades from it to the bake */
     float bake_fraction; /* with draft: how far the bake is, [0,1] */
 };
@@ -770,8 +772,16 @@ struct relight_colors_request {
     /* Parts that depend on the view are sent apart: of coefficients the phases behind the
      * first, of colours the planes (relight_colors.n_part) */
     bool phases;
+    /* COEFFICIENTS, and F16 and F32 with `phases`: the planes of exit of a bake that has them,
+     * too (relight_colors.n_exit, relight_coefficients_exits) */
+    bool exits;
 };
-enum { RELIGHT_MOST_LAYERS = 4, RELIGHT_MOST_PHASES = 16, RELIGHT_MOST_RANK = 1 << 20 };
+enum {
+    RELIGHT_MOST_LAYERS = 4,
+    RELIGHT_MOST_PHASES = 16,
+    RELIGHT_EXIT_PLANES = 9,
+    RELIGHT_MOST_RANK = 1 << 20
+};
 /* Coefficients of one tensor of relight_factors: half [n_row][n_phase][3] at `offset` of each
  * plane, times scale[plane]. */
 struct relight_layer {
@@ -784,6 +794,11 @@ struct relight_colors {
     /* Colours of each plane, one after another: M, then S_0, S_1, … of PROTOCOL.md (FACTORS),
      * RELIGHT_COLOR_RGB9E5 at most S_0. 0: one colour a vertex */
     uint32_t n_part;
+    uint32_t n_exit; /* of the parts, the last: planes of exit P_0, P_1, … */
+    /* Colours of the first n_coarse vertices of the order with this hash
+     * (relight_coarse_expand); 0: of all n_vertex. Views with `coarse` alone */
+    uint32_t n_coarse;
+    uint64_t coarse_order;
     uint64_t plane_bytes;
     enum relight_color_format format;
     uint64_t generation;
@@ -830,11 +845,37 @@ void relight_colors_finish(struct relight_colors *colors);
 
 /* Turns a plane, or one part of it, into linear RGB radiance.
  * plane: [0, n_plane); with parts [0, n_plane * n_part), those of plane 0 first. out
- * [n_vertex][3].
+ * [n_vertex][3], or [n_coarse][3] where that is not 0.
  * Returns 0, or -RELIGHT_E_ARGUMENT where there is no such plane, or the format is
  * RELIGHT_COLOR_COEFFICIENTS (relight_coefficients_colors).
  * Thread-safety: Safe. Does not block. */
 int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, float *out);
+
+/* An order of a model's vertices in which each from n_root on is about midway between two that
+ * come before it, so that colours of the first ones make colours of all. */
+struct relight_coarse_order {
+    uint64_t hash; /* relight_colors.coarse_order */
+    uint32_t n_vertex, n_root;
+    const uint32_t *vertex;      /* [n_vertex] at each position, each vertex once */
+    const uint32_t (*parent)[2]; /* [n_vertex] positions before the own one, from n_root on */
+    void *owner;
+};
+/* Fetches the coarse order of a model's bake, for views with `coarse`.
+ * Returns 0 and *out, checked, to be freed by relight_coarse_order_finish.
+ * -RELIGHT_E_NOT_READY: no bake yet. Thread-safety: Safe. Blocks until the answer is here. */
+int relight_coarse_order(struct relight_client *client, const char *model,
+                         struct relight_coarse_order *out, struct relight_error *error);
+/* Frees what relight_coarse_order put into *order. Thread-safety: Safe for different structs.
+ * Does not block. */
+void relight_coarse_order_finish(struct relight_coarse_order *order);
+
+/* relight_colors_decode for colours of fewer vertices: those that were left out are the mean of
+ * their parents. out [n_vertex][3].
+ * Returns 0, or -RELIGHT_E_ARGUMENT as relight_colors_decode, -RELIGHT_E_MISMATCH: the order is
+ * of another bake: fetch it again; -RELIGHT_E_NO_MEMORY.
+ * Thread-safety: Safe. Does not block. */
+int relight_coarse_expand(const struct relight_coarse_order *order,
+                          const struct relight_colors *colors, uint32_t plane, float *out);
 
 /* One tensor of baked transport. Cluster c has cluster[c][0] vertices, those at the positions
  * behind the clusters before it, and a rank of cluster[c][1]. U of a cluster, i16
@@ -842,6 +883,7 @@ int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, f
  * rank is most_rank of relight_factors where that is less and not 0. */
 struct relight_factor_tensor {
     bool single; /* single scattering, else multiple */
+    bool exit;   /* its planes of exit */
     uint32_t n_cluster;
     const uint32_t (*cluster)[2]; /* [n_cluster] vertices, rank */
     const uint32_t *order;        /* [n_vertex] file vertex at each position */
@@ -863,6 +905,14 @@ struct relight_factors {
  * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_factors(struct relight_client *client, const char *model, uint32_t most_rank,
                     struct relight_factors *out, struct relight_error *error);
+
+/* relight_factors with the tensors of the planes of exit (PROTOCOL.md, FACTORS) as well, which
+ * coefficients asked for with `exits` need. A bake without them, and a daemon that does not
+ * know them, answer as relight_factors. Parameters, result and errors: as there.
+ * Thread-safety: Safe. Blocks until the answer is here. */
+int relight_factors_with_exits(struct relight_client *client, const char *model,
+                               uint32_t most_rank, struct relight_factors *out,
+                               struct relight_error *error);
 
 /* Frees what relight_factors put into *factors. Thread-safety: Safe for different structs.
  * Does not block. */
@@ -893,6 +943,15 @@ int relight_coefficients_expand(const struct relight_factors *factors,
                                 const struct relight_colors *colors, uint32_t plane,
                                 uint32_t n_phase, float *multiple, float *single,
                                 struct relight_error *error);
+
+/* Multiplies the planes of exit of a plane of coefficients with U.
+ * exits [RELIGHT_EXIT_PLANES][n_vertex][3], overwritten: the P_k of PROTOCOL.md; 0 where the
+ * coefficients have none.
+ * Returns as relight_coefficients_expand.
+ * Thread-safety: Safe. Does not block. */
+int relight_coefficients_exits(const struct relight_factors *factors,
+                               const struct relight_colors *colors, uint32_t plane,
+                               float *exits, struct relight_error *error);
 
 /* The colours that the daemon would have sent, without an eye, to 0.1 % (RMS).
  * block [n_block]: of relight_geometry or relight_info. out [n_vertex][3]: linear RGB radiance.
@@ -978,7 +1037,9 @@ struct relight_view_request {
     enum relight_priority priority;
     bool skip_equal;    /* frames equal to the one before come without their contents */
     uint32_t most_rank; /* as in relight_colors_request */
-    bool phases;
+    bool phases, exits;
+    bool coarse; /* the client has relight_coarse_order: while its link is slow and the state
+                    moves, colours may be of fewer vertices */
     const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_frame_out {

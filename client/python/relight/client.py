@@ -72,6 +72,7 @@ class Model:
     material: Dict[str, Any] = field(default_factory=dict)
     settings: Dict[str, Any] = field(default_factory=dict)
     warnings: Tuple[str, ...] = ()
+    variants: Tuple[str, ...] = ()  # names for `variant` of colors, image and view
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ def _model(m: Any) -> Model:
     return Model(m.model, m.name, word("ModelState", "MODEL_", m.state), m.n_vertex, m.n_triangle,
                  word("Engine", "ENGINE_", m.engine), word("Storage", "STORAGE_", m.storage),
                  m.mm_per_unit, m.generation, m.error_bound, _parse(m.material), _parse(m.settings),
-                 tuple(m.warnings))
+                 tuple(m.warnings), tuple(m.variants))
 
 
 class Client:
@@ -354,9 +355,10 @@ class Client:
         return lights, payload
 
     def _shade(self, material: Optional[Material], term: str, eye: Optional[Vector], engine: str,
-               max_error: float, materials: Optional[Mapping[str, Material]] = None) -> Any:
+               max_error: float, materials: Optional[Mapping[str, Material]] = None,
+               variant: str = "") -> Any:
         shade = message("Shade", material=self._material(material), term=enum("Term", "TERM_", term),
-                        materials=self._materials(materials), engine=enum("Engine", "ENGINE_", engine), max_error=max_error)
+                        variant=variant, materials=self._materials(materials), engine=enum("Engine", "ENGINE_", engine), max_error=max_error)
         if eye is not None:
             shade.eye.CopyFrom(_vec3(eye))
         return shade
@@ -365,7 +367,8 @@ class Client:
                rotate: Union[float, Sequence[float]] = 0.0, gain: Union[float, Vector, None] = None,
                material: Optional[Material] = None, term: str = "total", eye: Optional[Vector] = None,
                sum: bool = True, format: str = "f32", engine: str = "default",
-               max_error: float = 0.0, materials: Optional[Mapping[str, Material]] = None) -> Floats:
+               max_error: float = 0.0, materials: Optional[Mapping[str, Material]] = None,
+               variant: str = "") -> Floats:
         """Linear RGB radiance of each vertex, [n, 3]; with sum=False [n_light, n, 3].
 
         env: "constant", "constant:R,G,B", "env:HASH", the name of an uploaded image, a file, an
@@ -373,33 +376,36 @@ class Client:
         material: a preset's name, JSON, a JSON file or a dict (joint bakes). materials: those of
         single objects, by the name of a glTF material or node; the others have material. term: "total",
         "multiple", "single" or "irradiance". eye: towards this point, in the model's units.
+        variant: one of the model's variants, or "default", the file's own materials.
         format: on the wire: "f32", "f16", "rgb9e5", "srgb8", or "coefficients": small answers,
         which are multiplied here with the bake's factors; these are fetched once.
         """
         lights, payload = self._lights(env, rotate, gain)
         request = message("ColorsRequest", model=model, lights=lights, sum=sum,
-                          shade=self._shade(material, term, eye, engine, max_error, materials),
+                          shade=self._shade(material, term, eye, engine, max_error, materials, variant),
                           format=enum("ColorFormat", "COLOR_", format))
-        planes = self._planes(model, self._call("COLORS", request, payload), format)
+        planes = self._planes(model, self._call("COLORS", request, payload), format, variant)
         first: Floats = planes[0]
         return first if sum else planes
 
-    def _planes(self, model: str, frame: Frame, format: str) -> Floats:
+    def _planes(self, model: str, frame: Frame, format: str, variant: str) -> Floats:
         m = frame.message.colors if frame.message.DESCRIPTOR.name == "ViewFrame" else frame.message
         if format == "coefficients":
-            held, blocks = self._factors_of(model, m.coefficients.factors)
+            held, blocks = self._factors_of(model, m.coefficients.factors, variant)
             return np.stack([formats.colors_of(held, m.coefficients, frame.payload, i * m.plane_bytes, i, blocks)
                              for i in range(m.n_plane)])
         return np.stack([formats.plane(format, frame.payload, i * m.plane_bytes, m.n_vertex)
                          for i in range(m.n_plane)])
 
-    def _factors_of(self, model: str, hash: int) -> Tuple[formats.Factors, Any]:
-        held = self._factors.get(model)
+    def _factors_of(self, model: str, hash: int, variant: str) -> Tuple[formats.Factors, Any]:
+        key = (model, variant)
+        held = self._factors.get(key)
         if held is None or held[0].hash != hash:
             frame = self._call("FACTORS", message("FactorsRequest", model=model))
-            blocks = self._call("INFO", message("InfoRequest", model=model)).message.blocks
+            geometry = message("GeometryRequest", model=model, variant=variant, no_normals=True, no_triangles=True)
+            blocks = self._call("GEOMETRY", geometry).message.blocks
             held = formats.factors(frame.message, frame.payload), blocks
-            self._factors[model] = held
+            self._factors[key] = held
         return held
 
     def _picture(self, size: Tuple[int, int], format: str, camera: Optional[str], eye: Optional[Vector],
@@ -431,17 +437,17 @@ class Client:
               fovy: float = 0.0, orbit: Optional[Vector] = None, exposure: float = 0.0,
               background: Optional[Vector] = None, tone: str = "filmic", quality: int = 0,
               samples: int = 0, max_error: float = 0.0, floor: bool = False,
-              materials: Optional[Mapping[str, Material]] = None) -> Image:
+              materials: Optional[Mapping[str, Material]] = None, variant: str = "") -> Image:
         """A picture. format: "png", "jpg", "exr", or raw pixels "f16" (linear) and "rgb8".
 
         The camera frames the model, or is one of the model's file (camera), or looks from eye to
         target (the model's units), or from orbit: azimuth, elevation[, zoom] in degrees. Lights and
         materials as in colors; the first light is the background unless background is given.
-        floor: with the shadow of the model on a plane under it.
+        floor: with the shadow of the model on a plane under it. variant: as in colors.
         """
         lights, payload = self._lights(env, rotate, gain)
         request = message("ImageRequest", model=model, lights=lights,
-                          shade=self._shade(material, term, None, engine, max_error, materials),
+                          shade=self._shade(material, term, None, engine, max_error, materials, variant),
                           picture=self._picture(size, format, camera, eye, target, fovy, orbit, exposure,
                                                 background, tone, quality, samples))
         request.picture.floor = floor
@@ -461,7 +467,7 @@ class Client:
     def view(self, model: str, env: Light, *, rotate: float = 0.0, material: Optional[Material] = None,
              format: str = "rgb9e5", colors: bool = True, max_fps: int = 0,
              size: Tuple[int, int] = (800, 600), orbit: Optional[Vector] = None,
-             materials: Optional[Mapping[str, Material]] = None) -> "View":
+             materials: Optional[Mapping[str, Material]] = None, variant: str = "") -> "View":
         """A live view: a state that frames follow, newest state first.
 
         Frames are colours in one of the formats of colors(), or with colors=False JPEG pictures.
@@ -470,12 +476,12 @@ class Client:
         options = message("ViewOptions", max_fps=max_fps, window=2,
                           color_format=enum("ColorFormat", "COLOR_", format if colors else "f32"))
         state = message("ViewState", lights=lights, options=options,
-                        shade=self._shade(material, "total", None, "default", 0, materials))
+                        shade=self._shade(material, "total", None, "default", 0, materials, variant))
         if not colors:
             state.picture.CopyFrom(self._picture(size, "jpeg", None, None, None, 0, orbit, 0, None, "filmic", 0, 0))
         request = message("ViewOpenRequest", model=model, state=state, colors=colors)
         number = self._connection.send("VIEW_OPEN", request, payload)
-        return View(self, model, number, format, colors)
+        return View(self, model, number, format, colors, variant)
 
     def sign(self, url: str, lifetime: float = 86400.0) -> Link:
         """A link to a picture ("/v1/models/bunny/image.jpg?...") that expires and needs no token."""
@@ -486,8 +492,9 @@ class Client:
 class View:
     """Of Client.view. Iterating gives frames; close it, or use it in a with statement."""
 
-    def __init__(self, client: Client, model: str, number: int, format: str, colors: bool) -> None:
-        self._client, self._model, self._number = client, model, number
+    def __init__(self, client: Client, model: str, number: int, format: str, colors: bool,
+                 variant: str = "") -> None:
+        self._client, self._model, self._number, self._variant = client, model, number, variant
         self._format, self._colors = format, colors
         self._sequence = 0
         self.open = True
@@ -543,7 +550,7 @@ class View:
         if m.HasField("error"):
             raise RelightError.of_message(m.error)
         if self._colors:
-            colors = self._client._planes(self._model, frame, self._format)[0]
+            colors = self._client._planes(self._model, frame, self._format, self._variant)[0]
             return ViewFrame(m.frame, m.sequence, colors, None, m.colors.cost.reduced)
         return ViewFrame(m.frame, m.sequence, None, Client._image(frame, "jpeg"), m.image.cost.reduced)
 

@@ -105,12 +105,14 @@ def colors_of(f: Factors, coefficients: Any, payload: bytes, begin: int, plane_i
     multiple, single = expand(f, coefficients, payload, begin, plane_index)
     out = np.maximum(multiple, 0)
     for i, block in enumerate(blocks):
+        part = slice(block.vertex_begin, block.vertex_begin + block.n_vertex)
         if not block.translucent:
+            if block.HasField("gain"):
+                out[part] *= np.array([block.gain.x, block.gain.y, block.gain.z], np.float32)
             continue
         outgoing = coefficients.outgoing[i if len(coefficients.outgoing) > 1 else 0]
-        part = slice(block.vertex_begin, block.vertex_begin + block.n_vertex)
         out[part] = np.maximum(0, outgoing.mean * (multiple[part] + single[0, part]))
     return out
 
 
-Cache = Dict[str, Tuple[Factors, Any]]
+Cache = Dict[Tuple[str, str], Tuple[Factors, Any]]

@@ -33,6 +33,8 @@ const U_SCALE = 2 ** -20;
 
 interface Tensor {
   term: Term;
+  /** Planes of exit, which follow the phases of single scattering. */
+  exit: boolean;
   factors: DataTexture;
   places: DataTexture;
 }
@@ -113,6 +115,7 @@ export class Factors {
       const u = shorts(payload, Number(tensor.uOffset), 2 * texels);
       return {
         term: tensor.term,
+        exit: tensor.exit,
         factors: texture(u, FACTOR_WIDTH, RGIntegerFormat, ShortType, "RG16I", 2),
         places: texture(
           places,
@@ -147,10 +150,10 @@ export class Factors {
 
   /** Where multiply() writes the parts of these coefficients. */
   vertexTexture(light: Coefficients): VertexTexture {
-    const single = light.layers.filter(({ tensor }) => this.isSingle(tensor));
-    const layers = 1 + single.reduce((most, { nPhase }) => Math.max(most, nPhase), 0);
+    const exits = this.mostPhases(light, (tensor) => tensor.exit);
+    const layers = 1 + this.singleLayers(light) + exits;
     const old = this.target;
-    if (old?.depth === layers) return { texture: old.texture, layers };
+    if (old?.depth === layers) return { texture: old.texture, layers, exits };
     old?.dispose();
     const made = new WebGLArrayRenderTarget(VERTEX_WIDTH, rowsOf(this.nVertex), layers, {
       type: HalfFloatType,
@@ -159,10 +162,16 @@ export class Factors {
       depthBuffer: false,
     });
     this.target = made;
-    return { texture: made.texture, layers };
+    return { texture: made.texture, layers, exits };
   }
-  private isSingle(tensor: number): boolean {
-    return this.tensors[tensor]?.term === Term.SINGLE;
+  private singleLayers(light: Coefficients): number {
+    return this.mostPhases(light, ({ term, exit }) => term === Term.SINGLE && !exit);
+  }
+  private mostPhases(light: Coefficients, wanted: (tensor: Tensor) => boolean): number {
+    return light.layers.reduce((most, { tensor: index, nPhase }) => {
+      const tensor = this.tensors[index];
+      return tensor && wanted(tensor) ? Math.max(most, nPhase) : most;
+    }, 0);
   }
 
   /** The values of all vertices under a light, into vertexTexture(); n_plane planes are summed. */
@@ -174,6 +183,7 @@ export class Factors {
     planeBytes: number,
   ): void {
     const { layers } = this.vertexTexture(light);
+    const single = this.singleLayers(light);
     renderer.setClearColor(0, 0);
     for (let i = 0; i < layers; i++) {
       renderer.setRenderTarget(this.target, i);
@@ -186,24 +196,26 @@ export class Factors {
           plane * planeBytes + Number(layer.offset),
           3 * layer.nRow * layer.nPhase,
         );
+        const tensor = this.tensors[layer.tensor];
+        if (!tensor) continue;
+        const first = tensor.exit ? 1 + single : tensor.term === Term.SINGLE ? 1 : 0;
         for (let phase = 0; phase < layer.nPhase; phase++) {
           this.fillRows(rows, layer.nRow, layer.nPhase, phase);
-          this.addLayer(renderer, layer.tensor, phase, (layer.scales[plane] ?? 1) * U_SCALE);
+          const scale = (layer.scales[plane] ?? 1) * U_SCALE;
+          this.addLayer(renderer, tensor, first + phase, scale);
         }
       }
     renderer.setRenderTarget(null);
     renderer.setClearColor(0, 1);
   }
 
-  private addLayer(renderer: WebGLRenderer, index: number, phase: number, scale: number): void {
-    const tensor = this.tensors[index];
-    if (!tensor) return;
+  private addLayer(renderer: WebGLRenderer, tensor: Tensor, to: number, scale: number): void {
     const u = this.material.uniforms;
     if (u.factors) u.factors.value = tensor.factors;
     if (u.places) u.places.value = tensor.places;
     if (u.rows) u.rows.value = this.rows;
     if (u.scale) u.scale.value = scale;
-    renderer.setRenderTarget(this.target, this.isSingle(index) ? 1 + phase : 0);
+    renderer.setRenderTarget(this.target, to);
     renderer.render(this.scene, this.camera);
   }
 

@@ -58,6 +58,7 @@ export class LightView {
   private resting: ReturnType<typeof setTimeout> | undefined;
   private next: ((level: number) => Promise<ViewChange>) | null = null;
   private last: ((level: number) => Promise<ViewChange>) | null = null;
+  private exact = true; // the newest frame is as it was asked for
   private closed = false;
 
   constructor(
@@ -123,7 +124,7 @@ export class LightView {
 
   /** Whether no frame is awaited, no change waits, and the newest state was drawn in full. */
   get idle(): boolean {
-    return !this.waits && !this.next && !this.level;
+    return !this.waits && !this.next && !this.level && this.exact;
   }
 
   private send(): void {
@@ -189,6 +190,7 @@ export class LightView {
     const own = this.outstanding.find(({ sequence }) => sequence === frame.sequence);
     const delayMs = now - (own?.atMs ?? this.outstanding[0]?.atMs ?? now);
     if (own?.moving) this.pace.answered(delayMs, own.level);
+    this.exact = !(frame.colors ?? frame.image)?.cost?.reduced;
     if (frame.error) this.events.error(new RelightError(frame.error));
     else this.events.frame(frame, payload, delayMs);
     this.outstanding = this.outstanding.filter(({ sequence }) => sequence > frame.sequence);

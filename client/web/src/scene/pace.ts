@@ -4,7 +4,7 @@
 
 /** A rate that looks steady, and a delay that a hand can follow. */
 const WANTED_MS = 1000 / 18;
-const MOST_DELAY_MS = 200;
+export const MOST_DELAY_MS = 200;
 /** States that may be outstanding at most. */
 export const MOST_OUTSTANDING = 4;
 /** Rows of a cluster in coefficients (PROTOCOL, COLORS), and the side of pictures, by level. */

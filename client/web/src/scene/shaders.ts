@@ -49,9 +49,10 @@ vec3 inwards(vec3 w, vec3 m, float c) {
   return w / eta + (sqrt(1.0 - (1.0 - c * c) / (eta * eta)) - c / eta) * m;
 }`;
 
-// The vertex's parts (PROTOCOL, COLORS): layer 0 is M, layer 1 + k is S_k. N_SINGLE layers of
-// single scattering; N_PIXEL of them, from S_1 on, meet the direction of the pixel, and those
-// for which there are no varyings meet that of the vertex.
+// The vertex's parts (PROTOCOL, COLORS): layer 0 is M, layer 1 + k is S_k, N_EXIT planes of exit
+// follow. N_SINGLE layers of single scattering; N_PIXEL of them, from S_1 on, are evaluated for
+// the direction of the pixel. Those for which there are no varyings, and the planes of exit,
+// which vary little from vertex to vertex, are evaluated for that of the vertex.
 const colorInput = /* glsl */ `
 uniform highp sampler2DArray vertexColors;
 out vec3 multiple;
@@ -77,11 +78,12 @@ void readColors() {
 #if N_PIXEL > 0
   for (int k = 1; k <= N_PIXEL; k++) phase[k - 1] = part(1 + k);
 #endif
-#if N_SINGLE > 1 + N_PIXEL
+#if N_SINGLE > 1 + N_PIXEL || N_EXIT > 0
   vec3 w = normalize(eye - position);
   float y[16];
   harmonics(inwards(w, normal, clamp(dot(w, normal), 0.0, 1.0)), y);
   for (int k = 1 + N_PIXEL; k < N_SINGLE; k++) single += y[k] * part(1 + k);
+  for (int k = 0; k < N_EXIT; k++) multiple += (k > 0 ? y[k] : 1.0) * part(1 + N_SINGLE + k);
 #endif
 }`;
 

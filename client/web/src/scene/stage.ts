@@ -148,6 +148,7 @@ export class Stage {
   private media: readonly Medium[] = [];
   private readonly colors = new VertexColors();
   private single = 0; // layers of single scattering
+  private exits = 0; // layers of planes of exit, behind them
   private hasColors = false;
   private skyCube: Cube | null = null;
   private wantsPlain = true;
@@ -304,22 +305,24 @@ export class Stage {
     const free = this.renderer.capabilities.maxVaryings - VARYINGS - nUv;
     return {
       N_SINGLE: this.single,
+      N_EXIT: this.exits,
       N_PIXEL: Math.max(0, Math.min(this.single - 1, free)),
     };
   }
 
-  /** Colours as the daemon sends them, in RGB9E5 or halves. */
-  takeColors(answer: ColorsAnswer, payload: Uint8Array): void {
-    this.setColors(this.colors.take(answer, payload));
+  /** Colours as the daemon sends them, in RGB9E5 or halves, or made of those of fewer vertices. */
+  takeColors(answer: ColorsAnswer, payload: Uint8Array, made?: Float32Array): void {
+    this.setColors(this.colors.take(answer, payload, made));
   }
 
   /** Colours of all vertices, as long as the texture lives. */
-  setColors({ texture, layers }: VertexTexture): void {
+  setColors({ texture, layers, exits }: VertexTexture): void {
     if (!this.mesh) return;
     this.value("vertexColors", texture);
     this.hasColors = true;
-    if (layers - 1 !== this.single) {
-      this.single = layers - 1;
+    if (layers - 1 - exits !== this.single || exits !== this.exits) {
+      this.single = layers - 1 - exits;
+      this.exits = exits;
       for (const part of this.parts) {
         const { defines } = part.material as { defines: Record<string, number> };
         Object.assign(defines, this.layerDefines(defines.N_UV ?? 0));

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: MIT
 // Colours of all vertices as an array texture, which the surface's vertex shader reads: layer 0
-// is M of PROTOCOL.md (COLORS), layer 1 + k is S_k. VERTEX_WIDTH vertices a row.
+// is M of PROTOCOL.md (COLORS), layer 1 + k is S_k, the planes of exit follow. VERTEX_WIDTH
+// vertices a row.
 import {
   DataArrayTexture,
+  FloatType,
   HalfFloatType,
   NearestFilter,
   RGBFormat,
   UnsignedInt5999Type,
+  type PixelFormatGPU,
   type Texture,
+  type TextureDataType,
 } from "three";
 import { ColorFormat, type ColorsAnswer } from "../gen/relight_pb";
 import { halves, words } from "../protocol/frame";
@@ -16,31 +20,59 @@ import { VERTEX_WIDTH } from "./shaders";
 /** A texture of the vertices' colours. */
 export interface VertexTexture {
   texture: Texture;
-  /** Layers: M, and S_0 and on where single scattering comes apart. */
+  /** Layers: M, S_0 and on where single scattering comes apart, and the planes of exit. */
   layers: number;
+  /** Planes of exit among them, the last. */
+  exits: number;
 }
 
 export function rowsOf(nVertex: number): number {
   return Math.max(1, Math.ceil(nVertex / VERTEX_WIDTH));
 }
 
+interface Store {
+  type: TextureDataType;
+  internalFormat: PixelFormatGPU;
+  data: Uint32Array | Uint16Array | Float32Array;
+}
+const packed = (size: number): Store => ({
+  type: UnsignedInt5999Type,
+  internalFormat: "RGB9_E5",
+  data: new Uint32Array(size),
+});
+const STORES: Partial<Record<ColorFormat, (size: number) => Store>> = {
+  [ColorFormat.COLOR_F16]: (size) => ({
+    type: HalfFloatType,
+    internalFormat: "RGB16F",
+    data: new Uint16Array(3 * size),
+  }),
+  [ColorFormat.COLOR_F32]: (size) => ({
+    type: FloatType,
+    internalFormat: "RGB32F",
+    data: new Float32Array(3 * size),
+  }),
+};
+
 export class VertexColors {
   private made: DataArrayTexture | null = null;
   private format = ColorFormat.COLOR_RGB9E5;
 
-  /** The colours of an answer in RGB9E5 or halves; throws where its payload ends too early. */
-  take(answer: ColorsAnswer, payload: Uint8Array): VertexTexture {
+  /** The colours of an answer in RGB9E5 or halves, or those that were made of one; throws where
+   * its payload ends too early. */
+  take(answer: ColorsAnswer, payload: Uint8Array, made?: Float32Array): VertexTexture {
     const n = answer.nVertex;
     const layers = Math.max(1, answer.nPart);
     const half = answer.format === ColorFormat.COLOR_F16;
-    const values = half ? halves(payload, 0, 3 * n * layers) : words(payload, 0, n * layers);
-    const texture = this.textureOf(answer.format, rowsOf(n), layers);
-    const data = texture.image.data as unknown as Uint32Array | Uint16Array;
-    const each = half ? 3 * n : n;
+    const values =
+      made ?? (half ? halves(payload, 0, 3 * n * layers) : words(payload, 0, n * layers));
+    const format = made ? ColorFormat.COLOR_F32 : answer.format;
+    const texture = this.textureOf(format, rowsOf(n), layers);
+    const data = texture.image.data as unknown as Uint32Array | Uint16Array | Float32Array;
+    const each = half || made ? 3 * n : n;
     for (let i = 0; i < layers; i++)
       data.set(values.subarray(i * each, (i + 1) * each), (i * data.length) / layers);
     texture.needsUpdate = true;
-    return { texture, layers };
+    return { texture, layers, exits: answer.nExit };
   }
 
   private textureOf(format: ColorFormat, rows: number, layers: number): DataArrayTexture {
@@ -53,9 +85,8 @@ export class VertexColors {
     )
       return old;
     old?.dispose();
-    const half = format === ColorFormat.COLOR_F16;
     const size = VERTEX_WIDTH * rows * layers;
-    const data = half ? new Uint16Array(3 * size) : new Uint32Array(size);
+    const { type, internalFormat, data } = STORES[format]?.(size) ?? packed(size);
     const made = new DataArrayTexture(
       data as unknown as Uint8Array<ArrayBuffer>,
       VERTEX_WIDTH,
@@ -63,8 +94,8 @@ export class VertexColors {
       layers,
     );
     made.format = RGBFormat;
-    made.type = half ? HalfFloatType : UnsignedInt5999Type;
-    made.internalFormat = half ? "RGB16F" : "RGB9_E5";
+    made.type = type;
+    made.internalFormat = internalFormat;
     made.minFilter = made.magFilter = NearestFilter;
     made.unpackAlignment = 1;
     this.format = format;

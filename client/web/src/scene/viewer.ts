@@ -36,8 +36,9 @@ import { TONES, type SceneState } from "../state/scene-state";
 import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera";
 import type { Mesh } from "./geometry";
 import { LightView, type ViewChange, type ViewInit } from "./light-view";
-import { LEVELS, MOST_OUTSTANDING } from "./pace";
+import { LEVELS, MOST_DELAY_MS, MOST_OUTSTANDING } from "./pace";
 import { lampsOf, lightMessages, onlyTurned } from "./lights";
+import type { CoarseOrder, expanded } from "./coarse-order";
 import type { Factors } from "./factors";
 import { fetchImages, fetchMesh, type MeshSource } from "./mesh-source";
 import type { Stage } from "./stage";
@@ -110,6 +111,9 @@ export class Viewer {
     };
   private maps = 0; // meshes whose maps are on the way
   private factors: Factors | null = null; // null: colours come as they are
+  private awaitsFactors = false; // first colours are to come soon: without planes of exit
+  private order: CoarseOrder | null = null; // of the bake's vertices, on a slow link
+  private ordering = false; // it is on the way, or there is none
   private frame: Frame | null = null;
   private view: LightView | null = null;
   private watch = 0n;
@@ -118,6 +122,8 @@ export class Viewer {
   private pictureFrame = 0n;
   private sentFormat = ColorFormat.COLOR_RGB9E5;
   private sentRank = 0; // rows of coefficients; 0: all
+  private sentExits = true;
+  private sentCoarse = false;
   private outgoing: Outgoing[] = []; // of coefficients, and of colours in parts
   private readonly noWebGL: boolean;
 
@@ -327,12 +333,15 @@ export class Viewer {
       this.meshVariant = variant;
       this.factors?.dispose();
       this.factors = null;
+      this.order = null;
+      this.ordering = false;
       stage.setMesh(source.mesh);
     }
+    this.awaitsFactors = !this.factors && this.coefficients && this.client.has("coefficients");
     await this.openView(info, true, current);
-    if (!source || !current()) return;
+    if (!current()) return;
     void this.fetchFactors(info, current);
-    void this.fetchMaps(source, info.model);
+    if (source) void this.fetchMaps(source, info.model);
   }
   private meshOf = "";
   private meshVariant = "";
@@ -354,21 +363,23 @@ export class Viewer {
   // Colours come at once; when the factors are there the view goes over to coefficients. A
   // model without factored transport stays with colours.
   private async fetchFactors(info: ModelInfo, current: () => boolean): Promise<void> {
-    if (!this.coefficients || !this.client.has("coefficients")) return;
+    if (!this.awaitsFactors) return;
     try {
       const { message, payload } = await this.client.request(
         Type.Factors,
         FactorsRequestSchema,
-        { model: info.model },
+        { model: info.model, exits: true },
         FactorsAnswerSchema,
       );
       if (!current()) return;
       const { Factors } = await import("./factors");
       this.factors = new Factors(message, payload);
-      this.changed();
     } catch (error) {
       if (!(error instanceof RelightError)) this.events.fault(error as Error);
     }
+    if (!current()) return;
+    this.awaitsFactors = false;
+    if (this.state && this.format(this.state) !== this.sentFormat) this.changed();
   }
 
   /** Colours or coefficients, for a comparison; coefficients where the daemon has them. */
@@ -383,8 +394,11 @@ export class Viewer {
     const factored =
       this.factors && this.coefficients && state.term !== "irradiance" && !this.mesh?.gained;
     if (factored) return ColorFormat.COLOR_COEFFICIENTS;
-    // Planes of a phase function have negative numbers, which RGB9E5 has not.
-    return this.scattersEvenly(state) ? ColorFormat.COLOR_RGB9E5 : ColorFormat.COLOR_F16;
+    // Planes of a phase function and of exit have negative numbers, which RGB9E5 has not.
+    const exits = this.info?.exitPlanes && !this.awaitsFactors;
+    return exits || !this.scattersEvenly(state)
+      ? ColorFormat.COLOR_F16
+      : ColorFormat.COLOR_RGB9E5;
   }
 
   private scattersEvenly(state: SceneState): boolean {
@@ -411,6 +425,8 @@ export class Viewer {
       options: {
         colorFormat: this.format(state),
         phases: true,
+        exits: true,
+        coarse: this.order !== null,
         window: MOST_OUTSTANDING,
         maxFps: 60,
       },
@@ -419,6 +435,8 @@ export class Viewer {
     this.sent = state;
     this.sentFormat = this.format(state);
     this.sentRank = 0;
+    this.sentExits = true;
+    this.sentCoarse = this.order !== null;
     const why = colors
       ? ""
       : this.noWebGL
@@ -533,6 +551,19 @@ export class Viewer {
       fields.push("options.most_rank");
       this.sentRank = rank;
     }
+    // Planes of exit are most of the coefficients: coarse frames are without them.
+    const exits = !rank;
+    if (this.status.mode !== "pictures" && exits !== this.sentExits) {
+      out.options = { ...out.options, exits };
+      fields.push("options.exits");
+      this.sentExits = exits;
+    }
+    const coarse = this.order !== null;
+    if (this.status.mode !== "pictures" && coarse !== this.sentCoarse) {
+      out.options = { ...out.options, coarse };
+      fields.push("options.coarse");
+      this.sentCoarse = coarse;
+    }
     this.sent = state;
     if (!fields.length) fields.push("shade.term"); // as it is: the daemon answers with a frame
     if (fields.includes("shade.term")) out.shade = this.shade(state);
@@ -556,6 +587,8 @@ export class Viewer {
       };
     }
     if (frame.image) void this.drawPicture(frame, payload);
+    const late = latencyMs > MOST_DELAY_MS && !this.awaitsFactors;
+    if (late && frame.colors && !frame.colors.coefficients) void this.wantOrder();
     this.events.fine();
     this.setStatus({
       ...this.status,
@@ -573,7 +606,7 @@ export class Viewer {
     const light = colors.coefficients;
     if (!stage || !state || mesh?.nVertex !== colors.nVertex) return; // of another model
     this.outgoing = light?.outgoing ?? colors.outgoing;
-    if (!light) stage.takeColors(colors, payload);
+    if (!light) this.drawVertexColors(stage, colors, payload);
     else if (factors && light.factors === factors.hash) {
       const { nPlane, planeBytes } = colors;
       stage.beforeNext(() =>
@@ -586,6 +619,38 @@ export class Viewer {
     }
     this.applyLook(state);
   }
+
+  private drawVertexColors(stage: Stage, colors: ColorsAnswer, payload: Uint8Array): void {
+    const { order, expand } = this;
+    if (!colors.nCoarse) stage.takeColors(colors, payload);
+    else if (order && expand && order.hash === colors.coarseOrder)
+      stage.takeColors(colors, payload, expand(order, colors, payload));
+    else {
+      this.order = null; // of another bake: fetched again, and full frames until then
+      this.ordering = false;
+      this.changed();
+    }
+  }
+
+  // Colours that come late are to be of fewer vertices from now on. A model without an order
+  // stays with whole ones.
+  private async wantOrder(): Promise<void> {
+    const { info } = this;
+    if (this.ordering || this.order || !info || !this.client.has("coarse")) return;
+    this.ordering = true;
+    const mesh = this.mesh;
+    try {
+      const coarse = await import("./coarse-order");
+      const order = await coarse.fetchOrder(this.client, info.model);
+      if (this.mesh !== mesh) return;
+      this.expand = coarse.expanded;
+      this.order = order;
+      this.changed();
+    } catch (error) {
+      if (!(error instanceof RelightError)) this.events.fault(error as Error);
+    }
+  }
+  private expand: typeof expanded | null = null;
 
   private stream(frame: ViewFrame): string {
     const format = frame.colors?.format;

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: MIT
+// What the two streams of light carry: planes of exit, colours of fewer vertices, variants. For page.mjs.
+import assert from "node:assert/strict";
+import { noteFrames, SlowLink, turnUntil } from "./slow-link.mjs";
+
+/** tools: functions of page.mjs. */
+export function streamScenarios({
+  open,
+  mode,
+  coefficients,
+  settled,
+  linear,
+  difference,
+  againstDaemon,
+  PATIENCE,
+}) {
+  const percent = (x) => `${(100 * x).toFixed(2)} %`;
+  const streamIs = (page, stream) =>
+    page.waitForFunction(
+      (wanted) => globalThis.relightViewer.status.stream === wanted,
+      stream,
+      PATIENCE,
+    );
+
+  return {
+    async "the panel of variants draws each as the daemon does, by both streams"(home) {
+      const page = await open(`${home}/#model=variants.prt&light=page:window@40,0`);
+      await mode(page, "mesh");
+      await coefficients(page);
+      const panel = page.getByRole("radiogroup", { name: "Variant" });
+      if (!(await panel.isVisible())) await page.getByRole("tab", { name: "Material" }).click();
+      const before = await linear(page);
+      for (const name of ["day", "dark"]) {
+        await panel.getByRole("radio", { name }).click();
+        await page.waitForFunction(
+          (wanted) => globalThis.relightViewer.state.variant === wanted,
+          name,
+          PATIENCE,
+        );
+        await settled(page);
+        const { rmse, pixels } = await againstDaemon(page);
+        const changed = difference(await linear(page), before);
+        console.log(
+          `  ${name}: ${percent(rmse)} of ${pixels} pixels, ${percent(changed)} from before`,
+        );
+        assert.ok(pixels > 2000);
+        assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+        assert.ok(changed > 0.03, `${name} changes ${changed}`);
+      }
+      assert.ok(page.url().includes("variant=dark"));
+      await page.context().close();
+    },
+
+    async "planes of exit are drawn from several eyes, by both streams"(home) {
+      const forward = '{"sigma_s_prime":[0.5,0.5,0.5],"sigma_a":[0.02,0.05,0.1],"g":0.3}';
+      for (const [model, material, term] of [
+        ["thin.prt", "", "total"],
+        ["thin.prt", "", "single"],
+        ["thin-open.prt", forward, "total"],
+      ]) {
+        const state = new URLSearchParams({ model, material, term, light: "page:window@40,0" });
+        const page = await open(`${home}/#${state}`);
+        await mode(page, "mesh");
+        await coefficients(page);
+        for (const azimuth of [0, 90, 200]) {
+          state.set("orbit", `${azimuth},${azimuth / 10 - 5},1`);
+          await page.evaluate((hash) => (location.hash = hash), state.toString());
+          await page.waitForFunction(
+            (a) => Math.abs(globalThis.relightViewer.state.orbit.azimuth - a) < 1e-3,
+            azimuth,
+            PATIENCE,
+          );
+          await settled(page);
+          const { rmse, pixels } = await againstDaemon(page);
+          console.log(
+            `  ${model} ${term}, eye at ${azimuth}°: ${percent(rmse)} of ${pixels} pixels`,
+          );
+          assert.ok(pixels > 5000);
+          assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+        }
+        const drawn = await linear(page);
+        await page.evaluate(() => globalThis.relightViewer.useCoefficients(false));
+        await streamIs(page, "colours, halves");
+        await settled(page);
+        const both = difference(await linear(page), drawn);
+        console.log(`  ${model} ${term}: colours against coefficients ${percent(both)}`);
+        assert.ok(both < 0.002, `relative RMSE ${both}`);
+        await page.context().close();
+      }
+    },
+
+    async "on a slow link colours are of fewer vertices, and end in the exact ones"(
+      home,
+      port,
+    ) {
+      const link = new SlowLink(port, 625_000, 40);
+      const near = `http://127.0.0.1:${await link.listen()}`;
+      const page = await open(`${near}/#model=marble.prt&light=page:window@0,0`);
+      await mode(page, "mesh");
+      await coefficients(page);
+      await page.evaluate(() => globalThis.relightViewer.useCoefficients(false));
+      await streamIs(page, "colours, RGB9E5");
+      await settled(page);
+      await noteFrames(page);
+      const first = await turnUntil(page, (frames) => frames.length >= 3);
+      const whole = Math.max(...first.map(({ bytes }) => bytes));
+      link.rate = whole / 0.5; // a whole frame takes half a second
+      const thin = await turnUntil(page, (frames) => frames.some(({ coarse }) => coarse > 0));
+      const coarse = thin.find(({ coarse }) => coarse > 0);
+      console.log(
+        `  whole frames of ${whole} bytes, then ${coarse.bytes} of ${coarse.coarse} vertices`,
+      );
+      assert.ok(coarse.bytes < 0.6 * whole);
+      link.rate = 625_000;
+      await settled(page);
+      const last = await page.evaluate(() => globalThis.frames.at(-1));
+      assert.equal(last.coarse, 0);
+      assert.equal(last.bytes, whole);
+      const { rmse } = await againstDaemon(page);
+      console.log(`  at rest, against the daemon's picture: ${percent(rmse)}`);
+      assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+      await page.context().close();
+      link.close();
+    },
+  };
+}
