@@ -212,6 +212,68 @@ static void losses_are_said(void **state)
     expect_near("g of a named medium", (double)m.g[0], 0.932, 1e-6);
 }
 
+// Loads the text as a file; what was said is in `said`.
+static void load_text(const char *text, const char *ending)
+{
+    char path[] = "/tmp/imports-test-XXXXXX.json";
+    struct prt_material m;
+    memcpy(path + strlen(path) - 5, ending, 5);
+    int fd = mkstemps(path, 5);
+    assert_true(fd >= 0);
+    assert_int_equal(write(fd, text, strlen(text)), (ssize_t)strlen(text));
+    close(fd);
+    said[0] = 0;
+    (void)prt_material_load(&context, path, &m);
+    unlink(path);
+}
+
+// Each input that a medium has no place for is named where it is not 0, and no other is.
+static void every_loss_is_named(void **state)
+{
+    static const struct {
+        const char *shader, *input, *neutral, *name;
+    } loss[] = {{"standard_surface", "coat", "0", "coat"},
+                {"standard_surface", "sheen", "0", "sheen"},
+                {"standard_surface", "thin_film_thickness", "0", "thin film"},
+                {"standard_surface", "emission", "0", "emission"},
+                {"standard_surface", "transmission_dispersion", "0", "dispersion"},
+                {"standard_surface", "specular_anisotropy", "0", "anisotropic roughness"},
+                {"standard_surface", "thin_walled", "0", "thin walls"},
+                {"standard_surface", "opacity", "1,1,1", "opacity below 1"},
+                {"open_pbr_surface", "coat_weight", "0", "coat"},
+                {"open_pbr_surface", "fuzz_weight", "0", "fuzz"},
+                {"open_pbr_surface", "thin_film_weight", "0", "thin film"},
+                {"open_pbr_surface", "emission_luminance", "0", "emission"},
+                {"open_pbr_surface", "geometry_opacity", "1", "opacity below 1"},
+                {NULL, "coat_weight", "0", "coat"},
+                {NULL, "sheen_weight", "0", "sheen"},
+                {NULL, "thin_film_thickness", "0", "thin film"},
+                {NULL, "emission_strength", "0", "emission"},
+                {NULL, "anisotropic", "0", "anisotropic roughness"},
+                {NULL, "alpha", "1", "alpha below 1"},
+                {NULL, "metallic", "0", "partial metal"}};
+    for (size_t i = 0; i < sizeof loss / sizeof *loss; i++)
+        for (int neutral = 0; neutral < 2; neutral++) {
+            char input[80], blender[200];
+            const char *value = neutral ? loss[i].neutral : "0.2";
+            snprintf(input, sizeof input, "%s=%s", loss[i].input, value);
+            snprintf(blender, sizeof blender,
+                     "{\"type\":\"BSDF_PRINCIPLED\",\"subsurface_weight\":1,\"%s\":%s}",
+                     loss[i].input, value);
+            if (loss[i].shader)
+                load_text(mtlx(loss[i].shader,
+                               (const char *const[]){strcmp(loss[i].shader, "standard_surface")
+                                                         ? "subsurface_weight=1"
+                                                         : "subsurface=1",
+                                                     input, NULL}),
+                          ".mtlx");
+            else load_text(blender, ".json");
+            if (!neutral != !!strstr(said, loss[i].name))
+                fail_msg("%s %s: \"%s\"", loss[i].shader ? loss[i].shader : "Blender", input,
+                         said);
+        }
+}
+
 // A tree of nodes, each the sum of the next one twice: 2^30 steps without a budget.
 static char *doubling_graph(void)
 {
@@ -318,6 +380,7 @@ int main(void)
         cmocka_unit_test(half_spaces_return_their_albedo),
         cmocka_unit_test(transmissive_interiors),
         cmocka_unit_test(losses_are_said),
+        cmocka_unit_test(every_loss_is_named),
         cmocka_unit_test(hostile_files),
         cmocka_unit_test(twenty_materials),
     };

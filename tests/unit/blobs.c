@@ -329,6 +329,30 @@ static void test_limits_of_a_principal(void **state)
     close_store(&s);
 }
 
+// Of two uploads the one that was begun first and went on is kept.
+static void test_the_longest_idle_upload_goes(void **state)
+{
+    struct store s;
+    new_store(&s);
+    s.options.client_uploads = 2;
+    s.setup.wanted_s = 0.02;
+    reopen_store(&s);
+    char name[3][65];
+    for (int i = 0; i < 3; i++) {
+        memset(name[i], 'e', 64);
+        name[i][0] = (char)('0' + i);
+        name[i][64] = 0;
+    }
+    put(&s, "ann", name[0], 3, 0, ".", 1);
+    put(&s, "ann", name[1], 3, 0, ".", 1);
+    put(&s, "ann", name[0], 3, 1, ".", 1);
+    usleep(30000);
+    assert_int_equal(put(&s, "ann", name[2], 3, 0, ".", 1).put.code, 0);
+    assert_int_equal(put(&s, "ann", name[0], 3, 0, NULL, 0).put.received, 2);
+    assert_int_equal(held(&s, "ann", LEDGER_UPLOADS), 2);
+    close_store(&s);
+}
+
 static void test_upload_goes_on_after_a_restart(void **state)
 {
     struct store s;
@@ -622,6 +646,7 @@ int main(void)
         cmocka_unit_test(test_first_of_two_wins),
         cmocka_unit_test(test_pipelined_chunks),
         cmocka_unit_test(test_limits_of_a_principal),
+        cmocka_unit_test(test_the_longest_idle_upload_goes),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
         cmocka_unit_test(test_names_and_owners),

@@ -56,6 +56,31 @@ static void test_check_agrees_with_unpacking(void **state)
     }
 }
 
+// Varints of ten bytes: the largest numbers, negative enums, and one that goes on for an
+// eleventh.
+static void test_long_varints(void **state)
+{
+    char error[RELIGHT_HEADER_ERROR];
+    uint8_t bytes[16];
+    const ProtobufCMessageDescriptor *d = relight_type_message(RELIGHT_TYPE_COLORS);
+    for (uint32_t number = 1; number < 100; number += 98) { // a bool, an unknown field
+        for (size_t n = 1; n <= 11; n++) {
+            size_t at = 0;
+            bytes[at++] = (uint8_t)((number == 1 ? 3u : number) << 3 & 127) |
+                          (uint8_t)(number == 1 ? 0 : 128);
+            if (number != 1) bytes[at++] = (uint8_t)(number >> 4);
+            for (size_t i = 0; i + 1 < n; i++) bytes[at++] = 0xff;
+            bytes[at++] = 1;
+            ProtobufCMessage *m = protobuf_c_message_unpack(d, NULL, at, bytes);
+            assert_int_equal(check(RELIGHT_TYPE_COLORS, bytes, at, error), m != NULL);
+            assert_int_equal(m != NULL, n <= 10);
+            if (m) protobuf_c_message_free_unpacked(m, NULL);
+            for (size_t cut = 1; cut < at; cut++)
+                assert_false(check(RELIGHT_TYPE_COLORS, bytes, cut, error));
+        }
+    }
+}
+
 static void test_limits(void **state)
 {
     uint8_t bytes[400];
@@ -188,6 +213,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_check_agrees_with_unpacking),
+        cmocka_unit_test(test_long_varints),
         cmocka_unit_test(test_limits),
         cmocka_unit_test(test_utf8),
         cmocka_unit_test(test_repair),

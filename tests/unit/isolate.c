@@ -279,32 +279,25 @@ static void input_comes_by_descriptor(void **state)
     close(fd);
 }
 
-// A kernel without seccomp: a filter under which the child cannot load its own.
-static int without_seccomp(bool accepted)
+// Runs body in a child whose system calls pass the filter, for kernels that lack some. Returns
+// the negative of its status and fails unless the child's last log line, where it has one,
+// names the option that accepts this.
+static int under(const struct sock_filter *code, unsigned short n_code, bool accepted,
+                 int (*body)(void), bool *told)
 {
     char text[1024] = "";
     int how, end[2];
     assert_int_equal(pipe(end), 0);
     pid_t pid = fork();
     if (pid == 0) {
-        const struct sock_filter code[] = {
-            BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
-            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_seccomp, 3, 0),
-            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_prctl, 0, 1),
-            BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args[0])),
-            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, PR_SET_SECCOMP, 0, 1),
-            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EINVAL),
-            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
-        };
-        struct sock_fprog program = {sizeof code / sizeof *code, (struct sock_filter *)code};
-        struct prt_blob out;
+        last_line[0] = 0;
+        struct sock_fprog program = {n_code, (struct sock_filter *)(uintptr_t)code};
         if (accepted) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1);
         else unsetenv(PRT_ACCEPT_WEAK_SANDBOX);
         if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) ||
             prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program))
             _exit(99);
-        size_t n = 10;
-        int status = run(give, &n, 20, &out);
+        int status = body();
         if (write(end[1], last_line, strlen(last_line)) < 0) _exit(98);
         _exit(-status);
     }
@@ -314,8 +307,68 @@ static int without_seccomp(bool accepted)
     assert_true(n >= 0);
     assert_int_equal(waitpid(pid, &how, 0), pid);
     assert_true(WIFEXITED(how));
-    if (WEXITSTATUS(how)) assert_non_null(strstr(text, "--accept-weak-sandbox"));
+    *told = strstr(text, "--accept-weak-sandbox") != NULL;
     return -WEXITSTATUS(how);
+}
+
+static int give_ten(void)
+{
+    size_t n = 10;
+    struct prt_blob out;
+    return run(give, &n, 20, &out);
+}
+
+// A kernel without seccomp: the child cannot load its own filter.
+static int without_seccomp(bool accepted)
+{
+    const struct sock_filter code[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_seccomp, 3, 0),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_prctl, 0, 1),
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args[0])),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, PR_SET_SECCOMP, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EINVAL),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    bool told;
+    int status = under(code, sizeof code / sizeof *code, accepted, give_ten, &told);
+    if (status) assert_true(told);
+    return status;
+}
+
+// PRT_OK where neither a file of the folder nor another can be opened, PRT_IO where both can.
+static int open_files(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    const int in = open("/etc/passwd", O_RDONLY), beside = open("/usr/bin/env", O_RDONLY);
+    return in < 0 && beside < 0 ? PRT_OK : in >= 0 && beside >= 0 ? PRT_IO : PRT_INTERNAL;
+}
+
+static int open_in_etc(void)
+{
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = keep_line;
+    struct prt_isolate_limits limits = {
+        .memory_bytes = 256 << 20, .seconds = 20, .folder = "/etc"};
+    struct prt_blob out = {NULL, 0};
+    return prt_isolate(&ctx, "thing.xyz", &limits, open_files, NULL, &out);
+}
+
+// A kernel without Landlock: no file can be opened, unless the weak sandbox is accepted.
+static void without_landlock_no_file_opens(void **state)
+{
+    if (PRT_TEST_SANITIZED) return; // the sanitizers open files of their own
+    const struct sock_filter code[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 444, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    const unsigned short n = sizeof code / sizeof *code;
+    bool told;
+    assert_int_equal(under(code, n, false, open_in_etc, &told), PRT_OK);
+    assert_true(told);
+    assert_int_equal(under(code, n, true, open_in_etc, &told), PRT_IO);
 }
 
 static void weak_sandbox_is_an_error(void **state)
@@ -378,12 +431,19 @@ static void threads_may_fork(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(result_returns),           cmocka_unit_test(status_returns),
-        cmocka_unit_test(crash_is_format),          cmocka_unit_test(endless_is_limit),
-        cmocka_unit_test(memory_is_bounded),        cmocka_unit_test(calls_are_denied),
-        cmocka_unit_test(noise_is_hidden),          cmocka_unit_test(threads_may_fork),
-        cmocka_unit_test(folder_is_readable),       cmocka_unit_test(input_comes_by_descriptor),
-        cmocka_unit_test(weak_sandbox_is_an_error), cmocka_unit_test(threads_where_wanted),
+        cmocka_unit_test(result_returns),
+        cmocka_unit_test(status_returns),
+        cmocka_unit_test(crash_is_format),
+        cmocka_unit_test(endless_is_limit),
+        cmocka_unit_test(memory_is_bounded),
+        cmocka_unit_test(calls_are_denied),
+        cmocka_unit_test(noise_is_hidden),
+        cmocka_unit_test(threads_may_fork),
+        cmocka_unit_test(folder_is_readable),
+        cmocka_unit_test(input_comes_by_descriptor),
+        cmocka_unit_test(weak_sandbox_is_an_error),
+        cmocka_unit_test(without_landlock_no_file_opens),
+        cmocka_unit_test(threads_where_wanted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -113,6 +113,40 @@ static void levels_average_light(void **state)
     }
 }
 
+// Every level has one value, 20 times its number: a footprint of x texels has level log2(x),
+// between two levels their mix, the nearest of them or, without levels, the first; never one
+// past the last.
+static void levels_by_footprint(void **state)
+{
+    enum { SIDE = 64, TOP = 6 };
+    static const unsigned filter[] = {0, PRT_FILTER_LEVEL_NEAREST,
+                                      PRT_FILTER_LEVEL_NEAREST | PRT_FILTER_MIN_NEAREST,
+                                      PRT_FILTER_MIN_NEAREST, PRT_FILTER_NO_LEVELS};
+    struct prt_texture_image image;
+    uint8_t *t = ramp(SIDE, SIDE, PRT_TEXTURE_DATA, &image), *at = t;
+    for (uint32_t k = 0; k <= TOP; k++) {
+        const size_t n = 4 * (size_t)(SIDE >> k) * (SIDE >> k);
+        memset(at, 20 * (int)k, n);
+        at += n;
+    }
+    assert_int_equal(image.n_level, TOP + 1);
+    for (size_t f = 0; f < sizeof filter / sizeof *filter; f++)
+        for (int i = -8; i <= 8 * (TOP + 2); i++) {
+            const float level = (float)i / 8 + 1e-3f, wide = exp2f(level) / SIDE;
+            const float uv[2] = {0.3f, 0.6f}, dx[2] = {wide, 0}, dy[2] = {0, wide};
+            const float held = fminf(fmaxf(level, 0), TOP);
+            const float want = filter[f] & PRT_FILTER_NO_LEVELS       ? 0
+                               : filter[f] & PRT_FILTER_LEVEL_NEAREST ? roundf(held)
+                                                                      : held;
+            struct prt_texture_ref ref = plain_ref();
+            float rgba[4];
+            ref.filter = (uint8_t)filter[f];
+            prt_texture_sample(&image, t, &ref, uv, dx, dy, rgba);
+            assert_float_equal(rgba[0] * 255, 20 * want, 1e-3);
+        }
+    prt_free(t);
+}
+
 // Stripes along v, seen at a slant: a footprint of 16 texels along v and 1 along u keeps them;
 // without anisotropic probes the blur is 16 texels both ways.
 static void anisotropic(void **state)
@@ -402,15 +436,11 @@ static void wrong_texture_records(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(wrap_modes),
-        cmocka_unit_test(levels_average_light),
-        cmocka_unit_test(anisotropic),
-        cmocka_unit_test(hash_is_of_content),
-        cmocka_unit_test(decoding_and_limits),
-        cmocka_unit_test(maps_of_a_gltf),
-        cmocka_unit_test(normals_tilt_up),
-        cmocka_unit_test(volumes_of_a_gltf),
-        cmocka_unit_test(wrong_texture_records),
+        cmocka_unit_test(wrap_modes),          cmocka_unit_test(levels_average_light),
+        cmocka_unit_test(levels_by_footprint), cmocka_unit_test(anisotropic),
+        cmocka_unit_test(hash_is_of_content),  cmocka_unit_test(decoding_and_limits),
+        cmocka_unit_test(maps_of_a_gltf),      cmocka_unit_test(normals_tilt_up),
+        cmocka_unit_test(volumes_of_a_gltf),   cmocka_unit_test(wrong_texture_records),
     };
     return run_test_group(tests, NULL, NULL);
 }

@@ -1,0 +1,1 @@
+prt_test(sha256 SOURCES unit/sha256.c unit/sha256_c.c LIBS relight_proto LABELS unit)
