@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Runs the stages of a bake in order and writes the .prt.
 #include "bake/checkpoint.h"
+#include "bake/draft_walks.h"
 #include "bake/measure.h"
 #include "bake/row_lanes.h"
 #include "bake/run.h"
@@ -226,6 +227,8 @@ static int prepare(struct bake *b)
         status = prt_clusters_create(mesh, prt_bake_cluster_size(b), &b->clusters);
     if (status == PRT_OK && any && b->o.scattering == PRT_SCATTERING_WALK)
         status = prt_walks_create(b);
+    if (status == PRT_OK && any && b->o.draft && b->o.walks_follow)
+        status = prt_draft_walks_create(b);
     if (status == PRT_OK) {
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
@@ -343,6 +346,7 @@ static void release(struct bake *b)
     prt_surface_destroy(b->surface);
     prt_bake_unplan_single(b);
     prt_walks_destroy(b->walk);
+    prt_draft_walks_destroy(b->draft_walks);
     prt_bake_drop_lit(b);
     prt_scene_destroy(b->scene);
     prt_free(b->out.mesh.blocked);

@@ -192,12 +192,14 @@ static int examine(struct examination *e, enum prt_term term, unsigned n_light,
                                                     PRT_ANSWER_UNSCATTERED};
     const struct prt_transport *t = e->transport;
     const bool walks = term != PRT_TERM_SINGLE && e->o->n_walk;
+    // A draft has no unscattered light: the noise of one reference of it adds little.
+    const bool twice = walks && !(e->o->draft && term == PRT_TERM_UNSCATTERED);
     struct prt_reference_options options = {.term = wanted[term],
                                             .eye = eye,
                                             .vertex = e->vertex,
                                             .n_vertex = e->n,
                                             .n_sample = reference_samples(e),
-                                            .n_ray = 512,
+                                            .n_ray = e->o->draft && walks ? 256 : 512,
                                             .n_single = e->o->draft ? 1024 : 4096,
                                             .n_walk = walks ? e->o->n_walk : 0,
                                             .seed = 99};
@@ -207,10 +209,10 @@ static int examine(struct examination *e, enum prt_term term, unsigned n_light,
     int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, n_light, light,
                                     &options, e->want[0]);
     options.seed = 177;
-    if (status == PRT_OK && walks)
+    if (status == PRT_OK && twice)
         status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, n_light, light,
                                     &options, e->want[1]);
-    for (unsigned i = 0; status == PRT_OK && !walks && i < e->n_medium * n_light; i++)
+    for (unsigned i = 0; status == PRT_OK && !twice && i < e->n_medium * n_light; i++)
         memcpy(e->want[1][i], e->want[0][i], (size_t)e->n * sizeof *e->want[1][i]);
     for (unsigned i = 0; status == PRT_OK && i < e->n_medium * n_light; i++) {
         const unsigned m = i / n_light, l = i % n_light;
@@ -458,7 +460,8 @@ static int measure_terms(struct examination *e, char **errors)
 {
     const struct prt_transport *t = e->transport;
     const struct prt_cube *own = e->o->own;
-    bool single = false, unscattered = e->o->draft && e->o->n_walk; // which drafts leave out
+    const bool left_out = e->o->draft && e->o->n_walk; // the unscattered light of a draft
+    bool single = false, unscattered = false;
     for (uint32_t i = 0; i < t->n_tensor; i++) {
         single |= t->tensor[i].term == PRT_TERM_SINGLE;
         unscattered |= t->tensor[i].term == PRT_TERM_UNSCATTERED;
@@ -473,7 +476,7 @@ static int measure_terms(struct examination *e, char **errors)
         measure_term(e, PRT_TERM_MULTIPLE, 0, cJSON_AddObjectToObject(json, "multiple"));
     if (status == PRT_OK && e->o->n_walk && !e->o->draft)
         status = measure_dipole(e, cJSON_AddObjectToObject(json, "dipole"));
-    if (status == PRT_OK && unscattered)
+    if (status == PRT_OK && (unscattered || left_out))
         status = measure_term(e, PRT_TERM_UNSCATTERED, 0.2,
                               cJSON_AddObjectToObject(json, "unscattered"));
     if (status == PRT_OK && single)

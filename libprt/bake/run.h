@@ -30,6 +30,7 @@ struct bake {
     struct shard *shard;                    // one part of several; NULL: the whole bake
     struct checkpoint *checkpoint;          // NULL: none is kept
     struct walk_bake *walk;                 // walks.h; NULL: the dipole
+    struct draft_walks *draft_walks;        // draft_walks.h; NULL: the dipole as it is
     struct lit_rows *lit; // of multiple scattering, kept for unscattered light; or NULL
     struct work_meters work;
     double started; // prt_time_s()

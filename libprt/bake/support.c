@@ -215,6 +215,21 @@ static int find_weights(const struct bake *b, const struct support *s, uint32_t 
     return status;
 }
 
+int prt_support_interpolate(const struct bake *b, const struct support *s, uint32_t c,
+                            uint32_t n_value, const float *value, float *out)
+{
+    struct cluster_support k;
+    int status = find_weights(b, s, c, &k);
+    memset(out, 0, (size_t)k.n_vertex * n_value * sizeof *out);
+    for (size_t i = 0; !status && i < (size_t)k.n_vertex * k.n_column; i++) {
+        const float *from = value + (size_t)k.support[i % k.n_column] * n_value;
+        if (k.weight[i] > 0)
+            cblas_saxpy((int)n_value, k.weight[i], from, 1, out + i / k.n_column * n_value, 1);
+    }
+    cluster_support_finish(&k);
+    return status;
+}
+
 // The texel of the supports' cube that holds texel t of the bake's.
 static uint32_t coarse_texel(const struct cluster_support *k, uint32_t t)
 {

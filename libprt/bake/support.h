@@ -26,6 +26,10 @@ int prt_support_create(const struct bake *b, uint32_t most, uint32_t n_function,
 void prt_support_destroy(struct support *s);
 /* Stores the row of support i from floats [n_function][n_texel]. Thread-safe over i. */
 void prt_support_set(struct support *s, uint32_t i, const float *row);
+/* Values of the supports, [s->n][n_value], at the vertices of cluster c, in its order:
+ * [n_vertex][n_value]. PRT_NOMEM. Thread-safe. */
+int prt_support_interpolate(const struct bake *b, const struct support *s, uint32_t c,
+                            uint32_t n_value, const float *value, float *out);
 /* A range over clusters: job->user, a struct support, interpolated at the clusters' vertices.
  */
 int prt_support_range(void *tensor_job, size_t begin, size_t end, unsigned worker);

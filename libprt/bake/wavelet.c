@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Wavelet transport (METHODS §3): the light is free, the material fixed; multiple scattering by
 // the dipole or by walks (METHODS §9).
+#include "bake/draft_walks.h"
 #include "bake/run.h"
 #include "bake/sources.h"
 #include "bake/walks.h"
@@ -68,6 +69,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         if (!status)
             status = prt_cut_build(b->ctx, &from, (uint32_t)c,
                                    &b->radial[prt_bake_medium(b, (uint32_t)c)], &cut);
+        if (!status) status = prt_draft_walks_scale(b, (uint32_t)c, &cut);
         prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
         struct product_rows rows = {
             &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3, job->lit,

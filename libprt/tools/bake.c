@@ -372,8 +372,7 @@ static int choose_for_draft(struct tool *tool, const struct prt_mesh *mesh,
         scattering == PRT_SCATTERING_WALK && options->engine == PRT_TRANSPORT_WAVELET;
     if (!tool->opt.scattering || options->walks_follow)
         prt_log(&tool->ctx, PRT_LOG_NOTE, "--scattering dipole: a draft is to be quick%s",
-                options->walks_follow ? "; its errors are against walks, by which the bake is"
-                                      : "");
+                options->walks_follow ? ", scaled to walks, by which the bake is" : "");
     return tool_exit(tool, status);
 }
 
@@ -426,6 +425,8 @@ int run_bake(struct tool *tool)
     options.memory = usable_memory(o);
     uint64_t bytes = 0;
     if ((exit_status = choose_scattering(tool, source.mesh, &options))) goto done;
+    if (options.walks_follow || options.scattering == PRT_SCATTERING_WALK)
+        prt_progress(&tool->ctx, "by walks", 0); // programs plan their time
     exit_status = tool_exit(tool, prt_bake_memory(&tool->ctx, source.mesh, &options, &bytes));
     if (!exit_status && o->estimate)
         exit_status = print_estimate(tool, source.mesh, &options, bytes);

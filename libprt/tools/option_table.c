@@ -122,7 +122,7 @@ const struct option_row option_table[] = {
     {"draft", 0, NULL, OPTION_FLAG, AT(draft), 0, 0, NULL, BAKE,
      "a first bake of some 3 % error in a tenth of the time: --cube 16 --samples 20000 "
      "--max-error 0.05, unless given, single scattering from few vertices, and coarser inside; by "
-     "the dipole: where the bake is by walks its errors are against these"},
+     "the dipole, scaled to what walks return under even light where the bake is by walks"},
     {"profile", 0, NULL, OPTION_FLAG, AT(profile), 0, 0, NULL, BAKE,
      "print CPU seconds, rays and operations of each kind of work beside the machine's rates; "
      "takes a second more"},

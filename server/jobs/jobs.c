@@ -164,6 +164,13 @@ static void on_progress(void *user, const char *stage, double fraction, double e
 {
     struct job *job = user;
     char name[sizeof job->stage];
+    if (pace_is_walk(stage)) {
+        if (!job->order.kind.walk) {
+            job->order.kind.walk = true;
+            pace_plan(&job->pace, &job->order.kind, &job->jobs->history);
+        }
+        return;
+    }
     snprintf(name, sizeof name, "%s%.40s", job->drafting ? "draft-" : "", stage);
     bool fresh = strcmp(job->stage, name) != 0;
     memcpy(job->stage, name, sizeof name);

@@ -39,15 +39,35 @@ static const struct {
                   {"single", 0.7, 0.8},
                   {"measuring", 0.8, 1}};
 
+// Seconds of random walks: 18e6 a channel, but 512 to 2048 a vertex; where the medium is free
+// 256 a vertex at each of 13 levels.
+static double walk_seconds(const struct pace_kind *kind, double n_vertex)
+{
+    const double each = fmin(fmax(18e6 / n_vertex, 512), 2048);
+    return kind->joint ? 10e-6 * 13 * 256 * n_vertex : 6.5e-6 * 3 * each * n_vertex;
+}
+
+static unsigned number_of(const struct pace_kind *kind)
+{
+    return 2u * kind->walk + kind->joint;
+}
+
+bool pace_is_walk(const char *stage)
+{
+    return !strcmp(stage, "by-walks");
+}
+
 void pace_plan(struct pace *p, const struct pace_kind *kind, const struct pace_history *history)
 {
     const double n = kind->n_vertex ? kind->n_vertex : typical_vertices;
     const double samples = kind->n_sample ? kind->n_sample / default_samples : 1;
     if (!p->fraction && !p->begin_s) p->stage = -1;
     for (int i = 0; i < PACE_STAGES; i++) {
-        double factor = history->factor[kind->joint][i];
+        const double factor = history->factor[number_of(kind)][i];
         p->planned[i] = cost[kind->joint][i].at_rest + cost[kind->joint][i].a_vertex * n;
-        p->planned[i] = fmax(p->planned[i], 1) * (factor > 0 ? factor : 1);
+        p->planned[i] = fmax(p->planned[i], 1);
+        if (kind->walk && i == PACE_MULTIPLE) p->planned[i] += walk_seconds(kind, n);
+        if (factor > 0) p->planned[i] *= factor;
     }
     p->planned[PACE_IRRADIANCE] *= samples;
     p->planned[PACE_HIERARCHY] *= samples;
@@ -101,7 +121,7 @@ void pace_learn(struct pace *p, const struct pace_kind *kind, struct pace_histor
     begin_stage(p, -1, now_s);
     const double all = sum(p->spent, PACE_STAGES), planned = sum(p->planned, PACE_STAGES);
     for (int i = 0; i < PACE_STAGES && all > 0 && planned > 0; i++) {
-        double *factor = &history->factor[kind->joint][i];
+        double *factor = &history->factor[number_of(kind)][i];
         if (!(p->planned[i] > 0) || !(p->spent[i] > 0)) continue;
         const double ratio = p->spent[i] / all / (p->planned[i] / planned);
         const double known = *factor > 0 ? *factor : 1, weight = *factor > 0 ? learning : 1;

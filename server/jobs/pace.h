@@ -21,14 +21,16 @@ enum pace_stage {
 /* What decides how long the stages take. */
 struct pace_kind {
     bool joint, single, draft; /* single: with single scattering; draft: one comes before it */
+    bool walk;                 /* the bake is by random walks */
     uint32_t n_sample;         /* 0: the default */
     uint32_t n_vertex;         /* 0: not known yet */
 };
 
 /* Learned from bakes that were finished: the time of a stage over what was planned, for wavelet
- * and joint bakes. A zeroed struct knows nothing. */
+ * and joint bakes, each by the dipole and by walks. A zeroed struct knows nothing. */
+enum { PACE_KINDS = 4 };
 struct pace_history {
-    double factor[2][PACE_STAGES];
+    double factor[PACE_KINDS][PACE_STAGES];
 };
 
 /* One job's. */
@@ -43,6 +45,9 @@ struct pace {
 /* The shares before the job starts; again when n_vertex becomes known. */
 void pace_plan(struct pace *pace, const struct pace_kind *kind,
                const struct pace_history *history);
+/* Whether prt reports, before the stages of a bake or of its draft, that the bake is by walks.
+ */
+bool pace_is_walk(const char *stage);
 /* prt reports `fraction` of a stage of its own ("multiple-scattering") at now_s; draft: of the
  * draft. An unknown stage changes nothing. */
 void pace_report(struct pace *pace, bool draft, const char *stage, double fraction,

@@ -66,8 +66,8 @@ struct prt_bake_options {
                  * max_error 0.05), single scattering interpolated from few vertices, a coarser
                  * cut of the hierarchy, and one ray of four where four agree (METHODS §3.8);
                  * by the dipole */
-    bool walks_follow; /* draft: a bake by walks replaces it, so that its errors are against
-                        * walks; for a fixed medium */
+    bool walks_follow; /* draft, WAVELET: a bake by walks replaces it: it is scaled to what
+                        * walks return under even light, and its errors are against walks */
     const struct prt_env *env; /* polynomial: the fixed light */
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
