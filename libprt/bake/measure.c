@@ -90,7 +90,8 @@ struct examination {
     unsigned n_medium;
     struct prt_media media[MEDIA];
     struct prt_material *medium[MEDIA]; // of media, but of the first, which are the transport's
-    double worst[MEDIA];                // largest error over lights, of the term at hand
+    // Largest error over lights, of the term at hand; NAN: none has one.
+    double worst[MEDIA];
     // The sum of the terms of the bake's own medium under each light, of the bake and of the
     // references.
     float (*sum_got[MEASURE_LIGHTS])[3], (*sum_want[2][MEASURE_LIGHTS])[3];
@@ -139,18 +140,17 @@ static uint32_t reference_samples(const struct examination *e)
     return (uint32_t)fmin(fmax(least_samples, least), 2e7);
 }
 
-// The relative RMSE of `got` from what two references agree on; 0 where their noise hides it.
-// Where they agree on no light at all it is relative to `got`: 1 at most, and a finite number.
+// The relative RMSE of `got` from what two references agree on; 0 where their noise hides it,
+// and NAN where they are black and `got` is not: no error is relative to nothing.
 static double error_from(const float *got, const float *a, const float *b, size_t n)
 {
-    double error = 0, all = 0, answered = 0;
+    double error = 0, all = 0;
     for (size_t i = 0; i < n; i++) {
         error += ((double)got[i] - (double)a[i]) * ((double)got[i] - (double)b[i]);
         all += (double)a[i] * (double)b[i];
-        answered += (double)got[i] * (double)got[i];
     }
-    if (!(all > 0)) all = answered;
-    return error > 0 && all > 0 ? sqrt(error / all) : 0;
+    if (!(all > 0)) return error > 0 ? NAN : 0;
+    return sqrt(fmax(error, 0) / all);
 }
 
 // Adds the term at hand of the bake's own medium, in the proportion that a total has, to the
@@ -227,10 +227,13 @@ static int examine(struct examination *e, enum prt_term term, unsigned n_light,
     return status;
 }
 
+// An error that there is none of is null: JSON has neither NaN nor infinity, and a reader that
+// stops at one loses all errors.
 static void add_error(cJSON *to, const char *name, double value)
 {
-    char text[32]; // six decimals: the measurement has no more
-    snprintf(text, sizeof text, "%.6f", value);
+    char text[32] = "null";
+    // six decimals: the measurement has no more
+    if (isfinite(value)) snprintf(text, sizeof text, "%.6f", value);
     cJSON_AddRawToObject(to, name, text);
 }
 
@@ -255,7 +258,7 @@ static int measure_term(struct examination *e, enum prt_term term, double at, cJ
     const unsigned n_light = own ? 1 : MEASURE_LIGHTS;
     double error[MEASURE_LIGHTS] = {0};
     int status = prt_progress(e->ctx, "measuring", at);
-    memset(e->worst, 0, sizeof e->worst);
+    for (unsigned m = 0; m < MEDIA; m++) e->worst[m] = NAN; // fmax() takes the other number
     for (unsigned l = 0; status == PRT_OK && !own && l < n_light; l++) {
         status = prt_measure_light(l, e->transport->cube, &made[l]);
         light[l] = &made[l];
@@ -280,7 +283,7 @@ static int measure_views(struct examination *e, cJSON *to)
                                         {-0.3f, -0.5f, -0.81f}};
     const struct prt_mesh *mesh = &e->transport->mesh;
     double distance = 2 * prt_mesh_diagonal(mesh), sum = 0;
-    unsigned n_medium = e->n_medium;
+    unsigned n_medium = e->n_medium, n = 0;
     struct prt_cube light = {0};
     float box[2][3];
     int status = own ? PRT_OK : prt_measure_light(1, e->transport->cube, &light);
@@ -294,11 +297,13 @@ static int measure_views(struct examination *e, cJSON *to)
         const struct prt_cube *const lights[] = {own ? own : &light};
         status = prt_progress(e->ctx, "measuring", 0.7 + 0.3 * i / EYES);
         if (status == PRT_OK) status = examine(e, PRT_TERM_SINGLE, 1, lights, eye, &error);
-        sum += error * error / EYES;
+        if (!isfinite(error)) continue; // this eye sees none of it
+        sum += error * error;
+        n++;
     }
     e->n_medium = n_medium;
     prt_cube_finish(&light);
-    add_error(to, "worst", sqrt(sum));
+    add_error(to, "worst", n ? sqrt(sum / n) : NAN);
     return status;
 }
 
@@ -392,7 +397,7 @@ static int measure_missing_single(struct examination *e, cJSON *to)
                                                   .seed = 99};
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
-    double worst = 0;
+    double worst = NAN;
     int status = PRT_OK;
     for (unsigned l = 0; status == PRT_OK && !own && l < n_light; l++) {
         status = prt_measure_light(l, e->transport->cube, &made[l]);

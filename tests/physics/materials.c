@@ -16,6 +16,7 @@
 
 #include <cjson/cJSON.h>
 
+#include "bake/measure.h"
 #include "bodies.h"
 #include "expect.h"
 #include "prt/bake.h"
@@ -652,10 +653,43 @@ static void places_of_errors(void **state)
     prt_file_close(f);
 }
 
+// Contract of prt_measure_bake: errors are JSON even where the references are black and the
+// bake is not, as they are on surfaces that face into their body. Such an error is null.
+static void errors_against_black_references(void **state)
+{
+    const struct measure_options options = {.n_vertex = 20, .least_samples = 5000, .seed = 1};
+    struct prt_file *f = open_prt("wavelet.prt");
+    struct prt_transport inwards = *prt_file_transport(f);
+    struct prt_mesh *m = &inwards.mesh;
+    uint32_t(*triangle)[3] = malloc(m->n_triangle * sizeof *triangle);
+    float(*normal)[3] = malloc(m->n_vertex * sizeof *normal);
+    char *text;
+    assert_true(triangle && normal);
+    for (uint32_t i = 0; i < m->n_triangle; i++)
+        for (int k = 0; k < 3; k++) triangle[i][k] = m->triangle[i][2 - k];
+    for (uint32_t i = 0; i < m->n_vertex; i++)
+        for (int c = 0; c < 3; c++) normal[i][c] = -m->normal[i][c];
+    m->triangle = triangle;
+    m->normal = normal;
+    assert_int_equal(prt_measure_bake(&context, &inwards, &options, &text), PRT_OK);
+    cJSON *errors = cJSON_Parse(text);
+    free(text);
+    free(triangle);
+    free(normal);
+    prt_file_close(f);
+    assert_non_null(errors);
+    const cJSON *multiple = cJSON_GetObjectItemCaseSensitive(errors, "multiple");
+    const bool null = cJSON_IsNull(cJSON_GetObjectItemCaseSensitive(multiple, "sky")) &&
+                      cJSON_IsNull(cJSON_GetObjectItemCaseSensitive(multiple, "worst"));
+    cJSON_Delete(errors);
+    assert_true(null);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(places_of_errors),
+        cmocka_unit_test(errors_against_black_references),
         cmocka_unit_test(opaque_receivers),
         cmocka_unit_test(profiles_in_dipole_bakes),
         cmocka_unit_test(own_profile_is_exact),

@@ -61,7 +61,8 @@ static enum phase phase_of(const struct relight_cost *cost)
 {
     if (cost->engine >= RELIGHT_ENGINE_SPLAT) return IMAGE_SPACE;
     if (!cost->draft) return BAKE;
-    return cost->bake_fraction < 1 ? DRAFT : FADE;
+    // A draft's picture may end when the bake has: its bake_fraction is 1, too.
+    return strncmp(cost->note, "the bake replaces", 17) ? DRAFT : FADE;
 }
 
 static float half(uint16_t h)
