@@ -45,7 +45,7 @@ static struct relight_view *open_colors(bool coarse)
     OK(relight_view_open(client, &request, &view, &error));
     next(view, &frame);
     assert_int_equal(frame.colors.n_coarse, 0);
-    relight_colors_finish(&frame.colors);
+    relight_frame_out_finish(&frame);
     return view;
 }
 
@@ -110,7 +110,7 @@ static void late_frames_are_coarse(void **state)
                 assert_true(frame.colors.coarse_order == order.hash);
                 check_coarse(&order, &frame.colors, (int)turn - 1);
             }
-            relight_colors_finish(&frame.colors);
+            relight_frame_out_finish(&frame);
             if (there) break;
         } while (turn < MOST_TURNS);
         assert_true(turn < MOST_TURNS);
@@ -119,7 +119,7 @@ static void late_frames_are_coarse(void **state)
     assert_int_equal(frame.colors.n_coarse, 0);
     assert_int_equal(frame.colors.cost.reduced, 0);
     whole_colors((int)turn - 1, out, frame.colors.data);
-    relight_colors_finish(&frame.colors);
+    relight_frame_out_finish(&frame);
     OK(relight_view_close(view, NULL, NULL, &error));
     relight_coarse_order_finish(&order);
 }
@@ -132,7 +132,7 @@ static void whole_frames_without_consent(void **state)
         struct relight_frame_out frame;
         turn_late(view, turn, &frame);
         assert_int_equal(frame.colors.n_coarse, 0);
-        relight_colors_finish(&frame.colors);
+        relight_frame_out_finish(&frame);
     }
     OK(relight_view_close(view, NULL, NULL, &error));
 }
