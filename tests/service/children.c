@@ -71,7 +71,7 @@ static int children(pid_t parent, const char *word, pid_t *one)
 static pid_t wait_for_bake(void)
 {
     pid_t pid = 0;
-    for (int i = 0; i < 500 && !children(d.pid, " bake ", &pid); i++) sleep_ms(20);
+    for (int i = 0; i < 3000 && !children(d.pid, " bake ", &pid); i++) sleep_ms(20);
     assert_true(pid > 0);
     return pid;
 }
@@ -149,8 +149,8 @@ static void test_crashes_are_counted(void **state)
     daemon_start(&d, NULL);
     struct relight_client *client = client_open(d.address);
     start_long_bake(client, job);
-    kill(wait_for_bake(), SIGSEGV);
-    expect_failure(client, job, "signal 11");
+    kill(wait_for_bake(), SIGILL); // which no sanitizer takes for itself
+    expect_failure(client, job, "signal 4");
     assert_true(metric(client, "relightd_children_crashed_total") == 1);
     relight_close(client);
     assert_int_equal(daemon_stop(&d), 0);

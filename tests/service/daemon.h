@@ -155,7 +155,19 @@ static inline void daemon_start(struct daemon *d, const char *const extra[])
     find_address(d, "listen address=http:", d->http, sizeof d->http);
 }
 
-// SIGTERM; the exit status, or -1 when it did not end in 20 s.
+// Whether a sanitizer reported something of the daemon or one of its children, whose exit
+// status the daemon may have taken for a broken file's.
+static inline bool sanitizer_reports(const struct daemon *d)
+{
+    char *text = read_text(d->log);
+    const char *at = strstr(text, "SUMMARY: ");
+    const bool there = at && strstr(at, "Sanitizer: ");
+    if (there) fprintf(stderr, "%s", text);
+    free(text);
+    return there;
+}
+
+// SIGTERM; the exit status, -1 when it did not end in 20 s, or -2 after a sanitizer's report.
 static inline int daemon_stop(struct daemon *d)
 {
     int how = 0;
@@ -164,6 +176,7 @@ static inline int daemon_stop(struct daemon *d)
     for (int i = 0; i < 1000; i++) {
         if (waitpid(d->pid, &how, WNOHANG) == d->pid) {
             d->pid = 0;
+            if (sanitizer_reports(d)) return -2;
             return WIFEXITED(how) ? WEXITSTATUS(how) : 1000 + WTERMSIG(how);
         }
         sleep_ms(20);
