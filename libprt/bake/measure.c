@@ -237,6 +237,14 @@ static void add_error(cJSON *to, const char *name, double value)
     cJSON_AddRawToObject(to, name, text);
 }
 
+// At one vertex: five decimals.
+static cJSON *error_number(double value)
+{
+    char text[32];
+    snprintf(text, sizeof text, "%.5f", value);
+    return cJSON_CreateRaw(text);
+}
+
 // "media": the worst light of each free medium; "worst": the largest error of all.
 static void add_worst(const struct examination *e, cJSON *to)
 {
@@ -334,53 +342,95 @@ static int ratio_order(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-// The error of the dipole: its multiple scattering against the references by walks that
-// measure_term left; and the ratio of both under the sky that one vertex in fifty exceeds.
-static int measure_dipole(struct examination *e, cJSON *to)
+// The error of the dipole: its multiple scattering of medium m under the built-in lights
+// against two references by walks. Under the sky also the dipole over the walks less 1: `ratio`
+// at each vertex of `places`, and what one vertex in fifty exceeds.
+static int add_dipole_error(const struct examination *e, float (*const dipole[])[3],
+                            float (*const walk[2][MEASURE_LIGHTS])[3], cJSON *to)
+{
+    double *ratio = prt_alloc(e->n + 1u, sizeof *ratio);
+    cJSON *at = cJSON_AddArrayToObject(to, "ratio");
+    if (!ratio) return PRT_NOMEM;
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++)
+        add_error(to, prt_measure_light_name[l],
+                  error_from(dipole[l][0], walk[0][l][0], walk[1][l][0], (size_t)e->n * 3));
+    for (uint32_t i = 0; i < e->n; i++) {
+        double sum = 0, walks = 0;
+        for (int c = 0; c < 3; c++) {
+            sum += (double)dipole[0][i][c];
+            walks += 0.5 * ((double)walk[0][0][i][c] + (double)walk[1][0][i][c]);
+        }
+        ratio[i] = walks > 0 ? sum / walks - 1 : 0;
+        cJSON_AddItemToArray(at, error_number(ratio[i]));
+    }
+    qsort(ratio, e->n, sizeof *ratio, ratio_order);
+    if (e->n) {
+        add_error(to, "darkest", ratio[e->n / 50]);
+        add_error(to, "brightest", ratio[e->n - 1 - e->n / 50]);
+    }
+    prt_free(ratio);
+    return PRT_OK;
+}
+
+// References of multiple scattering under the built-in lights; n_walk 0: by the dipole.
+static int reference_multiple(const struct examination *e, uint32_t n_walk, uint64_t seed,
+                              float (*const out[])[3])
 {
     struct prt_cube made[MEASURE_LIGHTS] = {{0}};
     const struct prt_cube *light[MEASURE_LIGHTS];
-    float(*color[MEASURE_LIGHTS])[3] = {NULL};
-    double *ratio = prt_alloc(e->n + 1u, sizeof *ratio);
     const struct prt_reference_options options = {.term = PRT_REFERENCE_MULTIPLE,
                                                   .vertex = e->vertex,
                                                   .n_vertex = e->n,
                                                   .n_sample = reference_samples(e),
-                                                  .n_ray = 512,
-                                                  .seed = 99};
+                                                  .n_ray = n_walk ? 256 : 512,
+                                                  .n_walk = n_walk,
+                                                  .seed = seed};
     struct prt_context quiet = *e->ctx;
-    int status = ratio ? PRT_OK : PRT_NOMEM;
+    int status = PRT_OK;
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
     for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++) {
         status = prt_measure_light(l, e->transport->cube, &made[l]);
         light[l] = &made[l];
-        color[l] = prt_alloc(e->n + 1u, sizeof *color[l]);
-        if (!color[l]) status = PRT_NOMEM;
     }
     if (status == PRT_OK)
         status = prt_reference_many(&quiet, &e->transport->mesh, 1, e->media, MEASURE_LIGHTS,
-                                    light, &options, color);
-    for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++)
-        add_error(
-            to, prt_measure_light_name[l],
-            error_from(color[l][0], e->want[0][l][0], e->want[1][l][0], (size_t)e->n * 3));
-    for (uint32_t i = 0; status == PRT_OK && i < e->n; i++) {
-        double dipole = 0, walk = 0;
-        for (int c = 0; c < 3; c++) {
-            dipole += (double)color[0][i][c];
-            walk += 0.5 * ((double)e->want[0][0][i][c] + (double)e->want[1][0][i][c]);
-        }
-        ratio[i] = walk > 0 ? dipole / walk - 1 : 0;
-    }
-    if (status == PRT_OK && e->n) {
-        qsort(ratio, e->n, sizeof *ratio, ratio_order);
-        add_error(to, "darkest", ratio[e->n / 50]);
-        add_error(to, "brightest", ratio[e->n - 1 - e->n / 50]);
-    }
-    for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_cube_finish(&made[l]), prt_free(color[l]);
-    prt_free(ratio);
+                                    light, &options, out);
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_cube_finish(&made[l]);
     return status;
+}
+
+// After measure_term left the references of multiple scattering in `want`: by walks, so that
+// the dipole's are added; or by the dipole of a fixed medium, so that few walks are added.
+static int measure_dipole(struct examination *e, cJSON *to)
+{
+    enum { FEW_WALKS = 128 };
+    float(*made[2][MEASURE_LIGHTS])[3] = {{NULL}}, (*want[2][MEASURE_LIGHTS])[3];
+    const bool walks = e->o->n_walk;
+    int status = PRT_OK;
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++)
+        for (unsigned k = 0; k < 2; k++) {
+            made[k][l] = prt_alloc(e->n + 1u, sizeof *made[k][l]);
+            want[k][l] = e->want[k][l];
+            if (!made[k][l]) status = PRT_NOMEM;
+        }
+    if (!status) status = reference_multiple(e, walks ? 0 : FEW_WALKS, 99, made[0]);
+    if (!status && !walks) status = reference_multiple(e, FEW_WALKS, 177, made[1]);
+    if (!status)
+        status = walks ? add_dipole_error(e, made[0], want, to)
+                       : add_dipole_error(e, want[0], made, to);
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_free(made[0][l]), prt_free(made[1][l]);
+    return status;
+}
+
+// Whether the medium is fixed and has walks, in closed bodies; drafts are to be quick.
+static bool has_walks(const struct examination *e)
+{
+    const struct prt_transport *t = e->transport;
+    bool all = t->engine == PRT_TRANSPORT_WAVELET && !e->o->draft && e->n &&
+               !t->mesh.n_boundary_edge && !t->mesh.n_nonmanifold_edge;
+    for (uint32_t i = 0; i < t->media.n; i++) all &= !t->media.medium[i].profile;
+    return all;
 }
 
 // Error of the sum where the transport has no single scattering: that of the reference counts
@@ -447,10 +497,8 @@ static void add_places(const struct examination *e, unsigned n_light, cJSON *to)
                 bright[l] +=
                     (double)e->sum_want[0][l][i][c] * (double)e->sum_want[1][l][i][c] / e->n;
     for (uint32_t i = 0; i < e->n; i++) {
-        char text[32];
-        snprintf(text, sizeof text, "%.5f", error_at(e, n_light, i, bright));
         cJSON_AddItemToArray(vertex, cJSON_CreateNumber(e->vertex[i]));
-        cJSON_AddItemToArray(error, cJSON_CreateRaw(text));
+        cJSON_AddItemToArray(error, error_number(error_at(e, n_light, i, bright)));
     }
 }
 
@@ -479,7 +527,7 @@ static int measure_terms(struct examination *e, char **errors)
     }
     int status =
         measure_term(e, PRT_TERM_MULTIPLE, 0, cJSON_AddObjectToObject(json, "multiple"));
-    if (status == PRT_OK && e->o->n_walk && !e->o->draft)
+    if (status == PRT_OK && !own && (e->o->n_walk ? !e->o->draft : has_walks(e)))
         status = measure_dipole(e, cJSON_AddObjectToObject(json, "dipole"));
     if (status == PRT_OK && (unscattered || left_out))
         status = measure_term(e, PRT_TERM_UNSCATTERED, 0.2,

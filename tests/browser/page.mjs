@@ -49,10 +49,11 @@ function bumpySphere() {
   for (let i = 0; i <= n; i++)
     for (let k = 0; k <= n; k++) {
       const a = (Math.PI * i) / n;
-      const b = (2 * Math.PI * k) / n;
-      const r = 1 + 0.22 * Math.sin(3 * b) * Math.sin(a) ** 3 + 0.12 * Math.cos(4 * a);
+      const b = (2 * Math.PI * (k % n)) / n; // the seam's two sides are equal: it is closed
+      const across = i % n ? Math.sin(a) : 0;
+      const r = 1 + 0.22 * Math.sin(3 * b) * across ** 3 + 0.12 * Math.cos(4 * a);
       lines.push(
-        `v ${r * Math.sin(a) * Math.cos(b)} ${r * Math.cos(a)} ${-r * Math.sin(a) * Math.sin(b)}`,
+        `v ${r * across * Math.cos(b)} ${r * Math.cos(a)} ${-r * across * Math.sin(b)}`,
       );
     }
   for (let i = 0; i < n; i++)
@@ -297,6 +298,45 @@ const againstDaemon = (page) =>
 
 // ---- scenarios
 
+/** How far colours of an error map are from those of its places, where these are seen. */
+const farFromPlaces = (page, heat) =>
+  page.evaluate((heat) => {
+    const { stage, shape, errorPlaces, mostError, dipoleError } = globalThis.relightViewer;
+    const places = heat === "error" ? errorPlaces : dipoleError.places;
+    const [w, h] = [800, 600];
+    const picture = stage.readLinear(w, h);
+    const { camera } = stage;
+    const m = camera.matrixWorldInverse.elements;
+    const p = camera.projectionMatrix.elements;
+    const [low, middle, high] = [
+      [0.1, 0.06, 0.33],
+      [0.13, 0.57, 0.55],
+      [0.99, 0.91, 0.14],
+    ];
+    const mix = (a, b, x) => a.map((v, i) => v + (b[i] - v) * x);
+    const ramp = (x) => (x < 0.5 ? mix(low, middle, 2 * x) : mix(middle, high, 2 * x - 1));
+    const ratio = (excess) => {
+      const t = Math.min(Math.max(Math.log2(Math.max(1 + excess, 0.5)), -1), 1);
+      return t > 0 ? [1, 1 - t, 1 - t] : [1 + t, 1 + t, 1];
+    };
+    const colorOf = (e) => (heat === "error" ? ramp(e / mostError) : ratio(e));
+    const turned = (v, at) =>
+      [0, 1, 2].map((i) => m[i] * v[0] + m[4 + i] * v[1] + m[8 + i] * v[2] + at * m[12 + i]);
+    return places.vertex.flatMap((v, k) => {
+      const seen = turned(shape.positions.subarray(3 * v, 3 * v + 3), 1);
+      const n = turned(shape.normals.subarray(3 * v, 3 * v + 3), 0);
+      const facing =
+        -(n[0] * seen[0] + n[1] * seen[1] + n[2] * seen[2]) /
+        Math.hypot(...n) /
+        Math.hypot(...seen);
+      if (facing < 0.4) return [];
+      const x = Math.floor(((-p[0] * seen[0]) / seen[2] / 2 + 0.5) * w);
+      const y = Math.floor(((-p[5] * seen[1]) / seen[2] / 2 + 0.5) * h);
+      const want = colorOf(places.error[k]).map((c) => c * (0.55 + 0.45 * facing));
+      return [Math.max(...want.map((c, i) => Math.abs(c - picture[4 * (y * w + x) + i])))];
+    });
+  }, heat);
+
 const scenarios = {
   async "models are shown, one with maps, and their pictures are those of the daemon"(home) {
     for (const [model, more] of [
@@ -479,51 +519,28 @@ const scenarios = {
     await page.context().close();
   },
 
-  async "the bake's errors are drawn where they were measured"(home) {
+  async "errors of the bake and of the dipole are drawn where they were measured"(home) {
     const page = await open(`${home}/#model=marble.prt&orbit=30,20,1`);
     await mode(page, "mesh");
     await settled(page);
     await page.getByRole("tab", { name: "View" }).click();
-    await page.getByRole("radio", { name: "Error" }).click();
-    await page.getByText(/Measured at \d+ vertices/).waitFor(PATIENCE);
-    assert.match(page.url(), /heat=error/);
-    await settled(page);
-    await shot(page, "error");
-    const found = await page.evaluate(() => {
-      const { stage, shape, errorPlaces, mostError } = globalThis.relightViewer;
-      const [w, h] = [800, 600];
-      const picture = stage.readLinear(w, h);
-      const { camera } = stage;
-      const m = camera.matrixWorldInverse.elements;
-      const p = camera.projectionMatrix.elements;
-      const [low, middle, high] = [
-        [0.1, 0.06, 0.33],
-        [0.13, 0.57, 0.55],
-        [0.99, 0.91, 0.14],
-      ];
-      const mix = (a, b, x) => a.map((v, i) => v + (b[i] - v) * x);
-      const heat = (x) => (x < 0.5 ? mix(low, middle, 2 * x) : mix(middle, high, 2 * x - 1));
-      const turned = (v, at) =>
-        [0, 1, 2].map((i) => m[i] * v[0] + m[4 + i] * v[1] + m[8 + i] * v[2] + at * m[12 + i]);
-      return errorPlaces.vertex.flatMap((v, k) => {
-        const seen = turned(shape.positions.subarray(3 * v, 3 * v + 3), 1);
-        const n = turned(shape.normals.subarray(3 * v, 3 * v + 3), 0);
-        const facing =
-          -(n[0] * seen[0] + n[1] * seen[1] + n[2] * seen[2]) /
-          Math.hypot(...n) /
-          Math.hypot(...seen);
-        if (facing < 0.4) return [];
-        const x = Math.floor(((-p[0] * seen[0]) / seen[2] / 2 + 0.5) * w);
-        const y = Math.floor(((-p[5] * seen[1]) / seen[2] / 2 + 0.5) * h);
-        const want = heat(errorPlaces.error[k] / mostError).map(
-          (c) => c * (0.55 + 0.45 * facing),
-        );
-        return [Math.max(...want.map((c, i) => Math.abs(c - picture[4 * (y * w + x) + i])))];
-      });
-    });
-    assert.ok(found.length > 20, `${found.length} places`);
-    const off = found.filter((far) => far > 0.06).length;
-    assert.ok(off < 0.1 * found.length, `${off} of ${found.length} places have another colour`);
+    for (const [heat, words] of [
+      ["error", /Measured at \d+ vertices/],
+      ["dipole", /against random walks/],
+    ]) {
+      await page.getByRole("radio", { name: heat === "error" ? "Error" : "Dipole" }).click();
+      await page.getByText(words).waitFor(PATIENCE);
+      assert.ok(page.url().includes(`heat=${heat}`));
+      await settled(page);
+      await shot(page, heat);
+      const found = await farFromPlaces(page, heat);
+      assert.ok(found.length > 20, `${found.length} places`);
+      const off = found.filter((far) => far > 0.06).length;
+      assert.ok(
+        off < 0.1 * found.length,
+        `${heat}: ${off} of ${found.length} have another colour`,
+      );
+    }
     await page.getByRole("radio", { name: "All" }).click();
     await settled(page);
     assert.ok(!page.url().includes("heat="));

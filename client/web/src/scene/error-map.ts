@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Where a bake errs: its errors at the vertices that it was measured at, between them interpolated
-// over the surface, as colours in place of light.
+// Where a bake errs, or the dipole: errors at the vertices that were measured, between them
+// interpolated over the surface, as colours in place of light.
 import {
   BufferAttribute,
   DoubleSide,
@@ -20,22 +20,61 @@ export interface ErrorPlaces {
   error: readonly number[];
 }
 
-/** ModelInfo.errors' places; null: an older bake, or none. */
-export function placesOf(errors: string, nVertex: number): ErrorPlaces | null {
-  let parsed: unknown;
+/** The dipole's multiple scattering under an even sky against random walks. */
+export interface DipoleError {
+  /** RMS error of the dipole, relative. */
+  rms: number;
+  /** Dipole over walks, less 1: what one vertex in fifty exceeds, and at vertices. */
+  darkest: number;
+  brightest: number;
+  places: ErrorPlaces;
+}
+
+interface Errors {
+  places?: { vertex?: unknown; error?: unknown };
+  dipole?: { sky?: unknown; darkest?: unknown; brightest?: unknown; ratio?: unknown };
+}
+
+function parse(errors: string): Errors {
   try {
-    parsed = JSON.parse(errors || "{}");
+    return (JSON.parse(errors || "{}") as Errors | null) ?? {};
   } catch {
-    return null;
+    return {};
   }
-  const places = (parsed as { places?: Partial<ErrorPlaces> } | null)?.places;
-  const { vertex, error } = places ?? {};
+}
+
+function placesWith(vertex: unknown, error: unknown, nVertex: number, least: number) {
   if (!Array.isArray(vertex) || !Array.isArray(error)) return null;
   if (!vertex.length || vertex.length !== error.length) return null;
   const good =
     vertex.every((v) => Number.isInteger(v) && v >= 0 && v < nVertex) &&
-    error.every((e) => Number.isFinite(e) && e >= 0);
+    error.every((e) => Number.isFinite(e) && e >= least);
   return good ? { vertex: vertex as number[], error: error as number[] } : null;
+}
+
+/** ModelInfo.errors' places; null: an older bake, or none. */
+export function placesOf(errors: string, nVertex: number): ErrorPlaces | null {
+  const { places } = parse(errors);
+  return placesWith(places?.vertex, places?.error, nVertex, 0);
+}
+
+/** Whether ModelInfo.settings is of a bake by random walks. */
+export function isByWalks(settings: string): boolean {
+  try {
+    return (JSON.parse(settings) as { scattering?: unknown }).scattering === "walk";
+  } catch {
+    return false;
+  }
+}
+
+/** What ModelInfo.errors says of the dipole; null: nobody compared it with walks. */
+export function dipoleErrorOf(errors: string, nVertex: number): DipoleError | null {
+  const { places, dipole } = parse(errors);
+  const at = placesWith(places?.vertex, dipole?.ratio, nVertex, -1);
+  const { sky, darkest, brightest } = dipole ?? {};
+  if (!at || typeof sky !== "number") return null;
+  if (typeof darkest !== "number" || typeof brightest !== "number") return null;
+  return { rms: sky, darkest, brightest, places: at };
 }
 
 const NEAREST = 4;
@@ -97,8 +136,14 @@ uniform float most;
 in float error, facing;
 out vec4 color;
 ${HEAT}
+// White: equal; red: too bright, blue: too dark, full at a factor of two.
+vec3 ratio(float excess) {
+  float t = clamp(log2(max(1.0 + excess, 0.5)), -1.0, 1.0);
+  return vec3(1.0) - (t > 0.0 ? vec3(0.0, t, t) : vec3(-t, -t, 0.0));
+}
 void main() {
-  color = vec4(heat(error / most) * (0.55 + 0.45 * facing), 1.0);
+  vec3 shown = most > 0.0 ? heat(error / most) : ratio(error);
+  color = vec4(shown * (0.55 + 0.45 * facing), 1.0);
 }`;
 
 export class ErrorMap {
@@ -123,10 +168,10 @@ export class ErrorMap {
     }
   }
 
-  /** The error that is drawn brightest. */
+  /** The error that is drawn brightest; 0: errors are ratios less 1. */
   setMost(most: number): void {
     const { most: uniform } = this.material.uniforms;
-    if (uniform) uniform.value = Math.max(most, 1e-6);
+    if (uniform) uniform.value = most;
   }
 
   /** positions: of the mesh whose vertices the places name. */

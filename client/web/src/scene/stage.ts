@@ -366,7 +366,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** The bake's errors in place of light, brightest at `most`; null: light. */
+  /** Errors in place of light, brightest at `most`, 0: ratios less 1; null: light. */
   showErrors(places: ErrorPlaces | null, most: number): void {
     this.errorMap.setMost(most);
     if (places && places !== this.places && this.mesh)

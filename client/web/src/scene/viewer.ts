@@ -28,7 +28,13 @@ import {
   type ViewFrame,
 } from "../gen/relight_pb";
 import type { Client } from "../protocol/client";
-import { placesOf, type ErrorPlaces } from "./error-map";
+import {
+  dipoleErrorOf,
+  isByWalks,
+  placesOf,
+  type DipoleError,
+  type ErrorPlaces,
+} from "./error-map";
 import { RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { meanTransmittance, parseMedium, surfaceOf } from "../state/material";
@@ -103,12 +109,12 @@ export class Viewer {
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
   private mesh: Mesh | null = null;
-  private placesOf: { info: ModelInfo | null; mesh: Mesh | null; places: ErrorPlaces | null } =
-    {
-      info: null,
-      mesh: null,
-      places: null,
-    };
+  private errorsOf: {
+    info: ModelInfo | null;
+    mesh: Mesh | null;
+    places: ErrorPlaces | null;
+    dipole: DipoleError | null;
+  } = { info: null, mesh: null, places: null, dipole: null };
   private maps = 0; // meshes whose maps are on the way
   private factors: Factors | null = null; // null: colours come as they are
   private awaitsFactors = false; // first colours are to come soon: without planes of exit
@@ -182,7 +188,12 @@ export class Viewer {
       { transmission: total, reflection: total, look: state.term !== "irradiance" },
     );
     stage.showThickness(state.heat === "thickness" ? this.thickestMm : 0);
-    stage.showErrors(state.heat === "error" ? this.errorPlaces : null, this.mostError);
+    if (state.heat === "dipole") stage.showErrors(this.dipoleError?.places ?? null, 0);
+    else
+      stage.showErrors(
+        state.heat === "error" ? this.errorPlaces : null,
+        Math.max(this.mostError, 1e-6),
+      );
     stage.setLook({
       exposure: state.exposure,
       tone: TONES.indexOf(state.tone),
@@ -225,12 +236,24 @@ export class Viewer {
   }
   /** Where the bake errs; null: nobody measured it. */
   get errorPlaces(): ErrorPlaces | null {
+    return this.measured().places;
+  }
+  /** Where the dipole errs; null: nobody compared it with walks. */
+  get dipoleError(): DipoleError | null {
+    return this.measured().dipole;
+  }
+  /** Whether the bake is by random walks. */
+  get byWalks(): boolean {
+    return isByWalks(this.info?.settings ?? "");
+  }
+  private measured() {
     const { info, mesh } = this;
-    if (info !== this.placesOf.info || mesh !== this.placesOf.mesh) {
+    if (info !== this.errorsOf.info || mesh !== this.errorsOf.mesh) {
       const places = info && mesh ? placesOf(info.errors, mesh.nVertex) : null;
-      this.placesOf = { info, mesh, places };
+      const dipole = info && mesh ? dipoleErrorOf(info.errors, mesh.nVertex) : null;
+      this.errorsOf = { info, mesh, places, dipole };
     }
-    return this.placesOf.places;
+    return this.errorsOf;
   }
   /** The error that is drawn brightest: the largest that was measured. */
   get mostError(): number {

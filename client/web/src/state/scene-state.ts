@@ -15,8 +15,8 @@ export interface LampState {
 }
 export type Term = "total" | "multiple" | "single" | "irradiance";
 export const TERMS: readonly Term[] = ["total", "multiple", "single", "irradiance"];
-export type Heat = "thickness" | "error";
-export const HEATS: readonly Heat[] = ["thickness", "error"];
+export type Heat = "thickness" | "error" | "dipole";
+export const HEATS: readonly Heat[] = ["thickness", "error", "dipole"];
 export type Tone = "filmic" | "reinhard" | "none";
 export const TONES: readonly Tone[] = ["filmic", "reinhard", "none"];
 /** "environment", or linear RGB. */

@@ -12,7 +12,11 @@ const TERM_NAMES: Record<Term, string> = {
   single: "Single",
   irradiance: "Irradiance",
 };
-const HEAT_NAMES: Record<Heat, string> = { thickness: "Thickness", error: "Error" };
+const HEAT_NAMES: Record<Heat, string> = {
+  thickness: "Thickness",
+  error: "Error",
+  dipole: "Dipole",
+};
 const TONE_NAMES: Record<Tone, string> = {
   filmic: "Filmic",
   reinhard: "Reinhard",
@@ -47,6 +51,25 @@ function errorText(): string {
     `How far the bake is from the exact sum: blue 0, yellow ${percent} % of the model's mean ` +
     `brightness. Measured at ${places.vertex.length} vertices under an even sky, three soft boxes and a ` +
     "small sun (the root mean square), interpolated between them."
+  );
+}
+
+function signedPercent(ratio: number): string {
+  return `${ratio < 0 ? "−" : "+"}${Math.round(100 * Math.abs(ratio))}`;
+}
+function dipoleText(): string {
+  const dipole = viewer?.dipoleError;
+  if (!dipole)
+    return (
+      "Nobody compared the dipole with random walks in this model: its medium is free, its surface " +
+      "is open, or it has no bake."
+    );
+  return (
+    "The dipole, which takes the surface for a plane, against random walks under an even sky: white " +
+    "equal, red too bright, blue too dark, full at a factor of two. It is " +
+    `${Math.round(100 * dipole.rms)} % off, beyond ${signedPercent(dipole.darkest)} to ` +
+    `${signedPercent(dipole.brightest)} % at one vertex in fifty. This bake is by ` +
+    `${viewer?.byWalks ? "walks" : "the dipole"}.`
   );
 }
 
@@ -100,6 +123,7 @@ export function ViewPanel() {
         <p class="hint">
           {heat === "thickness" && thicknessText()}
           {heat === "error" && errorText()}
+          {heat === "dipole" && dipoleText()}
           {!heat &&
             term === "total" &&
             "Scattered light and reflections, as a camera sees them."}
