@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // prt bake: precomputes the transport of a model and writes a .prt.
 #include "tool.h"
-#include "walk_ratio.h"
 #include "prt/bake.h"
 #include "prt/radial.h"
 
@@ -148,11 +147,11 @@ static void report_errors(const char *errors)
     const cJSON *dark = cJSON_GetObjectItemCaseSensitive(dipole, "darkest");
     const cJSON *bright = cJSON_GetObjectItemCaseSensitive(dipole, "brightest");
     if (sky >= 0 && cJSON_IsNumber(dark) && cJSON_IsNumber(bright))
-        printf(
-            "the dipole would err by %.2g %% under the even sky; at one vertex in fifty by more "
-            "than %+.2g %%, at one by more than %+.2g %% (prt image --term difference shows "
-            "where)\n",
-            100 * sky, 100 * dark->valuedouble, 100 * bright->valuedouble);
+        printf("against walks the dipole%s errs by %.2g %% under the even sky; at one vertex "
+               "in fifty by more than %+.2g %%, at one by more than %+.2g %% (prt image --term "
+               "difference shows where)\n",
+               cJSON_GetObjectItemCaseSensitive(root, "reference_walks") ? "" : " of this bake",
+               100 * sky, 100 * dark->valuedouble, 100 * bright->valuedouble);
     double view = number_of(root, "single_toward_eyes", "worst");
     if (view >= 0) {
         print_error("single scattering towards an eye, the mean of four around the model:",
@@ -204,33 +203,7 @@ static void print_profile(const struct prt_bake_profile *p)
            p->rays_s * 1e-6, p->flop_s * 1e-9);
 }
 
-// What the dipole costs, where nobody asked for it, in a line or `into`; where the bake is so
-// long that a few seconds of walks do not matter.
-static int report_dipole(struct tool *tool, const struct source *source,
-                         const struct prt_bake_options *options, cJSON *into)
-{
-    enum { LONG_S = 30 }; // CPU seconds that the bake is estimated to take
-    struct prt_walk_ratio_report report;
-    struct prt_walk_ratio *ratio = NULL;
-    double cpu_s, once_s;
-    const struct options *o = &tool->opt;
-    if (o->scattering || options->scattering == PRT_SCATTERING_WALK) return PRT_OK;
-    int status = prt_bake_seconds(&tool->ctx, source->mesh, options, &cpu_s, &once_s);
-    if (status || cpu_s < LONG_S || options->engine != PRT_TRANSPORT_WAVELET) return status;
-    status = ratio_create(tool, source->mesh, &source->media, &ratio, &report);
-    if (!status) status = ratio_error_json(into, ratio, &report, source->mesh, &source->media);
-    prt_walk_ratio_destroy(ratio);
-    const cJSON *item;
-    cJSON_ArrayForEach(item, cJSON_GetObjectItem(into, "dipole_error")) if (!o->json)
-        printf("%s: %s (prt image --term difference shows where)\n",
-               cJSON_GetObjectItem(item, "medium")->valuestring,
-               cJSON_GetObjectItem(item, "words")->valuestring);
-    return status;
-}
-
-static int report(struct tool *tool, const struct source *source,
-                  const struct prt_bake_options *options, double seconds,
-                  const struct prt_bake_profile *profile)
+static int report(struct tool *tool, double seconds, const struct prt_bake_profile *profile)
 {
     const struct options *o = &tool->opt;
     struct prt_file *file;
@@ -253,7 +226,6 @@ static int report(struct tool *tool, const struct source *source,
         cJSON *errors = t->errors ? cJSON_Parse(t->errors) : NULL;
         if (errors) cJSON_AddItemToObject(root, "errors", errors);
         if (o->profile) add_profile(root, profile);
-        status = report_dipole(tool, source, options, root);
         char *text = cJSON_PrintUnformatted(root);
         puts(text ? text : "{}");
         free(text);
@@ -263,12 +235,9 @@ static int report(struct tool *tool, const struct source *source,
                o->out, t->mesh.n_vertex, bytes * 1e-6, a_vertex, seconds);
         report_errors(t->errors);
         if (o->profile) print_profile(profile);
-        cJSON *root = cJSON_CreateObject();
-        status = report_dipole(tool, source, options, root);
-        cJSON_Delete(root);
     }
     prt_file_close(file);
-    return tool_exit(tool, status);
+    return EXIT_DONE;
 }
 
 // Reports one finished part and the number of missing parts.
@@ -439,8 +408,8 @@ int run_bake(struct tool *tool)
     exit_status = memory_watch_end(prt_bake(&tool->ctx, source.mesh, &options, o->out));
     double seconds = prt_time_s() - started;
     if (!exit_status)
-        exit_status = missing ? report_part(o, seconds, missing)
-                              : report(tool, &source, &options, seconds, &profile);
+        exit_status =
+            missing ? report_part(o, seconds, missing) : report(tool, seconds, &profile);
 done:
     free(settings);
     if (env) prt_env_destroy(env);
