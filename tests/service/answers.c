@@ -208,9 +208,22 @@ static void test_bakes_keep_their_order(void **state)
     end_client(client);
 }
 
+static void assert_same_colors(const uint32_t *a, const uint32_t *b, int n)
+{
+    for (int i = 0; i < n; i++) {
+        const uint32_t exponent = a[i] >> 27 > b[i] >> 27 ? a[i] >> 27 : b[i] >> 27;
+        for (int c = 0; c < 3; c++) {
+            const double x = ldexp(a[i] >> 9 * c & 511, (int)(a[i] >> 27));
+            const double y = ldexp(b[i] >> 9 * c & 511, (int)(b[i] >> 27));
+            assert_true(fabs(x - y) <= ldexp(1, (int)exponent));
+        }
+    }
+}
+
 // The floats behind encoded colours are within --cache: where it is small, a pass has few
 // lights (an eighth of 4,000 bytes is room for six octahedra of six vertices). Both daemons
-// answer the same bytes.
+// answer the same colours: to one step of their mantissas, as passes of three lights and more
+// round to 16 bits (kernels.h) and others do not.
 static void test_passes_within_the_cache(void **state)
 {
     enum { N = 40, MOST = 500 / (3 * 4 * OCTAHEDRON_VERTICES) };
@@ -239,7 +252,7 @@ static void test_passes_within_the_cache(void **state)
         }
         end_client(client);
     }
-    assert_memory_equal(answer[0], answer[1], sizeof answer[0]);
+    assert_same_colors(answer[0][0], answer[1][0], N * OCTAHEDRON_VERTICES);
 }
 
 int main(void)
