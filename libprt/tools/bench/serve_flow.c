@@ -38,7 +38,7 @@ void serve_keep(struct serve_flow *f, double ms, double bytes)
 
 void serve_order(struct serve_flow *f)
 {
-    qsort(f->ms, f->n_ms, sizeof *f->ms, ascending);
+    if (f->n_ms) qsort(f->ms, f->n_ms, sizeof *f->ms, ascending);
 }
 
 static void count_error(struct serve_flow *f, const struct relight_frame *frame)
