@@ -91,7 +91,8 @@ static void copy_tensor(const struct factors *f, const struct prt_tensor *from,
     for (uint32_t i = 0; i < from->n_cluster; i++) {
         const struct prt_cluster *c = &from->cluster[i];
         size_t first, n = 4 * pairs_of(f, c, &first) * stride_of(c);
-        memcpy(u, from->u + c->u_begin + 2 * first * stride_of(c), n);
+        // the clusters of a term may all have rank 0: it has no U then
+        if (n) memcpy(u, from->u + c->u_begin + 2 * first * stride_of(c), n);
         u += n;
         if (f->first) continue;
         cluster[2 * (size_t)i] = c->n_vertex;

@@ -160,8 +160,7 @@ static inline void daemon_start(struct daemon *d, const char *const extra[])
 static inline bool sanitizer_reports(const struct daemon *d)
 {
     char *text = read_text(d->log);
-    const char *at = strstr(text, "SUMMARY: ");
-    const bool there = at && strstr(at, "Sanitizer: ");
+    const bool there = strstr(text, "Sanitizer: ") || strstr(text, ": runtime error: ");
     if (there) fprintf(stderr, "%s", text);
     free(text);
     return there;

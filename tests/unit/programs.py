@@ -59,6 +59,10 @@ def daemon(*options, at=''):
     finally:
         process.terminate()
         process.wait(60)
+        with open(at + 'log', encoding='utf-8', errors='replace') as log:
+            text = log.read()
+        # a sanitizer's report, of the daemon or of a child
+        expect('Sanitizer: ' not in text and ': runtime error: ' not in text, text)
 
 
 def main(*tests):
