@@ -217,6 +217,7 @@ static void test_versions(void **state)
         assert_true(frame.has_colors && frame.hash == fixed_hash);
         relight_frame_out_finish(&frame);
     }
+    OK(relight_view_close(fixed, NULL, NULL, &error));
     OK(relight_view_close(view, NULL, NULL, &error));
     wait_gone(client, second); // nobody uses it any more
     relight_close(client);
