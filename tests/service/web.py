@@ -55,7 +55,7 @@ class Daemon:
             assert time.monotonic() < end, "the log does not say %r:\n%s" % (words, self.log())
             time.sleep(0.02)
 
-    def ask(self, method, path, body=None, headers=None, query=None, timeout=60):
+    def ask(self, method, path, body=None, headers=None, query=None, timeout=600):
         """(status, headers in lower case, bytes)"""
         if query:
             path += "?" + urllib.parse.urlencode(query)
