@@ -288,7 +288,7 @@ static void test_names_of_a_file(void **state)
     snprintf(to, sizeof to, "%s/stone.prt", d.models);
     assert_int_equal(link(from, to), 0);
     uint32_t vertices = 0;
-    for (int i = 0; i < 250 && !vertices; i++) {
+    for (int i = 0; i < 3000 && !vertices; i++) {
         OK(relight_list(client, false, &list, &error));
         for (size_t k = 0; k < list.n_model; k++)
             if (!strcmp(list.model[k].name, "stone.prt")) {
