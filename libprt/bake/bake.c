@@ -71,6 +71,29 @@ void prt_bake_set_defaults(struct prt_bake_options *o)
     if (!o->cache_room) o->cache_room = UINT64_C(8) << 30;
 }
 
+// A bake for any index: the walks and the planes of exit are refracted by one, and columns of a
+// fixed light are cheaper to bake for each.
+static int check_any_eta(const struct prt_context *ctx, const struct prt_bake_options *o)
+{
+    struct prt_eta_nodes nodes;
+    prt_eta_nodes_default(PRT_FAMILY_DIPOLE, &nodes);
+    if (!o->any_eta) return PRT_OK;
+    if (o->engine != PRT_TRANSPORT_JOINT)
+        return prt_fail(ctx, PRT_ARG, "--any-eta goes with --transport joint only");
+    if (o->scattering == PRT_SCATTERING_WALK)
+        return prt_fail(ctx, PRT_ARG, "--any-eta goes with --scattering dipole only: walks are "
+                                      "refracted and reflected by one eta");
+    if (o->exit_planes)
+        return prt_fail(ctx, PRT_ARG, "--any-eta and --exit-planes exclude each other: the "
+                                      "directions of exit are refracted by one eta");
+    for (uint32_t i = 0; i < o->media.n; i++)
+        if (!(o->media.medium[i].eta >= nodes.low && o->media.medium[i].eta <= nodes.high))
+            return prt_fail(ctx, PRT_ARG, "%s: eta is %g, --any-eta covers %g to %g",
+                            o->media.medium[i].name, (double)o->media.medium[i].eta,
+                            (double)nodes.low, (double)nodes.high);
+    return PRT_OK;
+}
+
 static int check_options(const struct prt_context *ctx, const struct prt_mesh *mesh,
                          struct prt_bake_options *o)
 {
@@ -78,7 +101,7 @@ static int check_options(const struct prt_context *ctx, const struct prt_mesh *m
     int status = prt_bake_check_settings(ctx, o);
     if (!status) status = prt_media_check(ctx, &o->media, mesh->n_object);
     if (status) return status;
-    if (o->engine != PRT_TRANSPORT_WAVELET &&
+    if (o->engine != PRT_TRANSPORT_WAVELET && !o->any_eta &&
         prt_media_etas(&o->media, eta) > PRT_RADIAL_MORE_ETA + 1)
         return prt_fail(ctx, PRT_ARG,
                         "the media have more than %d values of eta: a joint or polynomial bake "
@@ -94,6 +117,7 @@ static int check_options(const struct prt_context *ctx, const struct prt_mesh *m
         return prt_fail(ctx, PRT_ARG, "--draft goes with --transport wavelet and joint only");
     if (o->engine == PRT_TRANSPORT_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
+    if ((status = check_any_eta(ctx, o))) return status;
     if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_TRANSPORT_POLYNOMIAL))
         return prt_fail(ctx, PRT_ARG,
                         "--basis polynomial and hat go with --transport polynomial only");
@@ -175,6 +199,29 @@ struct fresnel_table *prt_bake_fresnel(const struct prt_media *media)
     return table;
 }
 
+struct fresnel_table *prt_bake_node_fresnel(const struct prt_eta_nodes *nodes)
+{
+    struct fresnel_table *table = prt_alloc(nodes->n, sizeof *table);
+    for (uint32_t i = 0; table && i < nodes->n; i++)
+        prt_fresnel_table_init(&table[i], (double)nodes->node[i]);
+    return table;
+}
+
+struct fresnel_table *prt_bake_single_fresnel(const struct bake *b)
+{
+    struct prt_eta_nodes nodes;
+    return prt_bake_eta_nodes(b, PRT_FAMILY_EXTINCTION, &nodes)
+               ? prt_bake_node_fresnel(&nodes)
+               : prt_bake_fresnel(&b->o.media);
+}
+
+bool prt_bake_eta_nodes(const struct bake *b, enum prt_radial_family family,
+                        struct prt_eta_nodes *out)
+{
+    if (b->o.any_eta) prt_eta_nodes_default(family, out);
+    return b->o.any_eta;
+}
+
 uint32_t prt_bake_medium(const struct bake *b, uint32_t cluster)
 {
     return prt_media_index(&b->o.media, b->clusters->object[cluster]);
@@ -246,7 +293,8 @@ static struct single_plan plan_of_medium(struct bake *b, const struct prt_materi
                                .scene = b->scene,
                                .mesh = b->mesh,
                                .directions = b->directions,
-                               .eta = m->eta,
+                               .n_eta = 1,
+                               .eta = {m->eta},
                                .n_phase = b->o.n_phase,
                                .n_point = b->o.n_single,
                                .every_ray = b->o.every_ray,
@@ -264,12 +312,17 @@ static struct single_plan plan_of_medium(struct bake *b, const struct prt_materi
 int prt_bake_plan_single(struct bake *b, const struct extinction_table *extinction,
                          uint32_t n_direction)
 {
+    struct prt_eta_nodes nodes;
     prt_bake_unplan_single(b);
     b->single = prt_alloc(b->o.media.n, sizeof *b->single);
     if (!b->single) return PRT_NOMEM;
     for (uint32_t i = 0; i < b->o.media.n; i++) {
         b->single[i] = plan_of_medium(b, &b->o.media.medium[i]);
         b->single[i].extinction = extinction;
+        if (prt_bake_eta_nodes(b, PRT_FAMILY_EXTINCTION, &nodes)) {
+            b->single[i].n_eta = nodes.n;
+            memcpy(b->single[i].eta, nodes.node, nodes.n * sizeof *nodes.node);
+        }
         if (n_direction) b->single[i].n_direction = n_direction;
         b->single[i].horizon = b->single[0].horizon; // one for all media
         prt_single_plan_depths(&b->single[i]);
@@ -290,6 +343,8 @@ int prt_bake_irradiance(struct bake *b)
 {
     if (!b->surface || prt_shard_assembling(b) || prt_checkpoint_skips_rows(b)) return PRT_OK;
     struct ray_store *store = prt_row_lanes_open(b);
+    struct prt_eta_nodes nodes;
+    const bool any_eta = prt_bake_eta_nodes(b, PRT_FAMILY_DIPOLE, &nodes);
     struct irradiance_source from = {.scene = b->scene,
                                      .surface = b->surface,
                                      .hierarchy = b->hierarchy,
@@ -298,6 +353,7 @@ int prt_bake_irradiance(struct bake *b)
                                      .store = store,
                                      .work = &b->work,
                                      .media = &b->o.media,
+                                     .nodes = any_eta ? &nodes : NULL,
                                      .room = prt_bake_rows_room(&b->o)};
     int status = prt_irradiance_bake(b->ctx, &from, &b->irradiance, &b->rays_irradiance);
     prt_ray_store_close(store);

@@ -131,7 +131,7 @@ int prt_bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct tensor_job *job = arg;
     const struct bake *b = job->bake;
-    struct fresnel_table *fresnel = prt_bake_fresnel(&b->o.media);
+    struct fresnel_table *fresnel = prt_bake_single_fresnel(b);
     prt_trace_thread_init();
     void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single[0]), 1);
     float *value = prt_alloc((size_t)job->n_function * b->directions->n_coef, sizeof *value);
@@ -140,7 +140,9 @@ int prt_bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
         const uint32_t medium = prt_bake_medium(b, (uint32_t)c);
         if (!b->clusters->translucent[c]) continue;
         if (b->o.engine == PRT_TRANSPORT_WAVELET && b->o.media.medium[medium].profile) continue;
-        status = bake_cluster(job, (uint32_t)c, &fresnel[medium], value, scratch);
+        status = bake_cluster(job, (uint32_t)c,
+                              prt_plan_fresnel(fresnel, &b->single[medium], medium), value,
+                              scratch);
     }
     prt_free(fresnel);
     prt_free(scratch);

@@ -225,7 +225,7 @@ static int allocate(struct level_fill *f, const struct free_walks_job *job,
 static float *radial_answers(const struct free_walks_job *job, const struct free_walks *w)
 {
     const struct walk_pool *pool = job->pool;
-    struct half_rows none = {0};
+    struct half_rows none = {.n_layer = 1};
     struct product_rows rows = {&none,    job->cut,  w->n_vertex, pool->n_radial,
                                 job->lit, job->work, NULL};
     float *out = prt_alloc((size_t)pool->n_radial * w->n_vertex * w->n_light, sizeof *out);

@@ -180,10 +180,11 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
     return prt_irradiance_lanes(scene, d, pattern, fresnel, at, view, false, open, out);
 }
 
-int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
-                         size_t room, struct half_rows *out)
+int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_texel,
+                         uint32_t n_layer, size_t room, struct half_rows *out)
 {
     size_t bytes;
+    const size_t n_coef = n_texel * n_layer;
     memset(out, 0, sizeof *out);
     if (prt_mul_overflow(n_row, n_coef * 2, &bytes)) return PRT_NOMEM;
     int fd = -1;
@@ -205,7 +206,7 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_c
         return prt_fail(ctx, PRT_NOMEM, "no memory for %zu MB of irradiance transport",
                         bytes >> 20);
     madvise(map, bytes, MADV_HUGEPAGE);
-    *out = (struct half_rows){n_row, n_coef, bytes, map, on_disk};
+    *out = (struct half_rows){n_row, n_coef, bytes, n_layer, map, on_disk};
     return PRT_OK;
 }
 
@@ -222,7 +223,7 @@ void prt_half_rows_finish(struct half_rows *rows)
 
 struct pass_one {
     struct irradiance_source from;
-    struct fresnel_table *fresnel; // [media->n]
+    struct fresnel_table *fresnel; // [media->n], or of the nodes of eta
     struct horizon *horizon;       // or NULL: every ray is cast
     struct half_rows *rows;
     atomic_uint_fast64_t rays;
@@ -242,6 +243,26 @@ static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view
         return false;
     prt_horizon_view(p->horizon, triangle, view);
     return true;
+}
+
+// The row of sample s with its open directions, which are `known` or are written: the layers
+// have the same rays. Returns the rays cast.
+static uint64_t sample_row(const struct pass_one *p, uint32_t s,
+                           const struct horizon_view *view, bool known, uint16_t *open,
+                           float *row)
+{
+    const struct prt_surface_points *of = p->from.surface;
+    const struct receiver at = {of->position[s], of->normal[s], of->face_normal[s]};
+    const uint32_t medium = prt_media_index(p->from.media, of->object[s]);
+    const unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
+    const size_t texels = prt_half_rows_texels(p->rows);
+    uint64_t cast = 0;
+    for (uint32_t a = 0; a < p->rows->n_layer; a++)
+        cast += prt_irradiance_lanes(p->from.scene, p->from.directions, pattern,
+                                     &p->fresnel[p->from.nodes ? a : medium], &at, view,
+                                     known || a, open, row + a * texels);
+    for (size_t k = 0; of->tint && k < p->rows->n_coef; k++) row[k] *= of->tint[s];
+    return cast;
 }
 
 static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
@@ -267,16 +288,9 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
         prt_row_lanes_read(p->from.store, begin, end - begin, n_packet, open, &rays);
     for (size_t i = begin; i < end; i++) {
         uint32_t s = p->from.hierarchy->order[i];
-        unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
         bool found = !known && horizon_of(p, s, &view);
-        const struct receiver at = {p->from.surface->position[s], p->from.surface->normal[s],
-                                    p->from.surface->face_normal[s]};
-        const uint32_t medium = prt_media_index(p->from.media, p->from.surface->object[s]);
-        cast += prt_irradiance_lanes(p->from.scene, p->from.directions, pattern,
-                                     &p->fresnel[medium], &at, found ? &view : NULL, known,
-                                     open + (i - begin) * n_packet, row);
-        for (size_t k = 0; p->from.surface->tint && k < p->rows->n_coef; k++)
-            row[k] *= p->from.surface->tint[s];
+        cast += sample_row(p, s, found ? &view : NULL, known, open + (i - begin) * n_packet,
+                           row);
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
     if (!known) {
@@ -346,11 +360,14 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
 {
     struct pass_one p = {.from = *from, .rows = out};
     const struct hierarchy *h = from->hierarchy;
-    uint32_t n_sample = from->surface->n_sample, n_coef = from->directions->n_coef;
-    int status =
-        prt_half_rows_create(ctx, (size_t)n_sample + h->n_node, n_coef, from->room, out);
+    uint32_t n_sample = from->surface->n_sample;
+    int status = prt_half_rows_create(ctx, (size_t)n_sample + h->n_node,
+                                      from->directions->n_coef,
+                                      from->nodes ? from->nodes->n : 1, from->room, out);
     if (status) return status;
-    p.fresnel = prt_bake_fresnel(from->media);
+    const size_t n_coef = out->n_coef;
+    p.fresnel =
+        from->nodes ? prt_bake_node_fresnel(from->nodes) : prt_bake_fresnel(from->media);
     if (!p.fresnel) {
         prt_half_rows_finish(out);
         return PRT_NOMEM;
@@ -361,7 +378,7 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);
     uint64_t started = prt_work_begin();
-    float *scratch = status == PRT_OK ? prt_alloc(2 * (size_t)n_coef, sizeof *scratch) : NULL;
+    float *scratch = status == PRT_OK ? prt_alloc(2 * n_coef, sizeof *scratch) : NULL;
     if (status == PRT_OK && !scratch) status = PRT_NOMEM;
     for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;)
         if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + n_coef);

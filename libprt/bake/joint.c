@@ -51,7 +51,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
         struct product_rows rows = {
-            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, radial.n, job->lit,
+            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex,
+            b->walk ? radial.n : job->n_function, job->lit,
             job->work,      NULL};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
@@ -82,7 +83,8 @@ static int record_basis(struct bake *b, const struct prt_radial *radial, uint32_
 {
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor - 1];
     t->coupling = PRT_COUPLE_FULL;
-    return prt_bases_record(radial, n_phase, t);
+    const int status = prt_bases_record(radial, n_phase, t);
+    return status ? status : prt_bases_record_eta(b, t);
 }
 
 // A tensor over a radial basis: every light and every training medium is served.
@@ -92,13 +94,20 @@ static int radial_tensor(struct tensor_job *job, const struct prt_radial *radial
     return status ? status : record_basis(job->bake, radial, job->n_phase);
 }
 
+static uint32_t eta_nodes(const struct bake *b, enum prt_radial_family family)
+{
+    struct prt_eta_nodes nodes;
+    return prt_bake_eta_nodes(b, family, &nodes) ? nodes.n : 1;
+}
+
 static int bake_multiple(struct joint *j, const struct probes *probes)
 {
+    const uint32_t layers = eta_nodes(j->b, PRT_FAMILY_DIPOLE);
     struct tensor_job job = {.bake = j->b,
                              .term = PRT_TERM_MULTIPLE,
                              .stage = "multiple scattering",
                              .range = multiple_range,
-                             .n_function = j->bases.reflectance->n_function,
+                             .n_function = layers * j->bases.reflectance->n_function,
                              .n_phase = 1,
                              .probes = probes,
                              .training = j->bases.training,
@@ -147,11 +156,13 @@ static int bake_opaque(struct bake *b)
 static int bake_single(struct joint *j, const struct probes *probes)
 {
     struct bake *b = j->b;
+    const uint32_t layers = eta_nodes(b, PRT_FAMILY_EXTINCTION);
     struct tensor_job job = {.bake = b,
                              .term = PRT_TERM_SINGLE,
                              .stage = "single scattering",
                              .range = prt_bake_single_range,
-                             .n_function = b->o.n_phase * j->bases.extinction->n_function,
+                             .n_function =
+                                 b->o.n_phase * layers * j->bases.extinction->n_function,
                              .n_phase = b->o.n_phase,
                              .probes = probes,
                              .training = j->bases.training,

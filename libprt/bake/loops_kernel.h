@@ -167,6 +167,7 @@ PRT_INLINE void PRT_KERNEL(radial_sums)(const struct path_job *job, const struct
     float *out = job->out;
     const uint32_t n = job->n;
     const struct extinction_table *table = plan->extinction;
+    const uint32_t all = job->n_radial ? job->n_radial : table->n_function;
     uint32_t K = plan->n_phase, J = table->n_function, points = path->n_point;
     enum { WIDE = EXTINCTION_WIDE };
     for (uint32_t t = 0; t < m; t++) {
@@ -204,7 +205,9 @@ PRT_INLINE void PRT_KERNEL(radial_sums)(const struct path_job *job, const struct
         for (uint32_t k = 0; k < K; k++)
             for (uint32_t j = 0; j < J; j++) {
                 const float *light = rgb ? rgb + (size_t)(first + t) * 3 : NULL;
-                if (!rgb) out[((size_t)k * J + j) * n + first + t] = sum[k][j];
+                if (!rgb)
+                    out[((size_t)k * all + job->first + j) * n + first + t] =
+                        sum[k][j];
                 for (int c = 0; rgb && any && c < 3; c++)
                     out[(k * J + j) * 3 + (uint32_t)c] += sum[k][j] * light[c];
             }

@@ -498,5 +498,6 @@ void prt_tensor_finish(struct prt_tensor *t)
     prt_free((void *)(uintptr_t)t->rows.scaling);
     prt_free((void *)(uintptr_t)t->knot);
     prt_free((void *)(uintptr_t)t->basis);
+    prt_free((void *)(uintptr_t)t->eta);
     memset(t, 0, sizeof *t);
 }

@@ -18,7 +18,8 @@ struct exits {
 };
 
 struct scratch {
-    struct exits node[SINGLE_MAX_NODES];
+    struct exits *node; /* [SINGLE_MAX_NODES], of the index that is traced or integrated */
+    struct exits of_eta[PRT_ETA_MOST_NODES][SINGLE_MAX_NODES]; /* of plan->eta */
     float *cosine; /* [n_coef] between texel or cell and vertex normal */
     /* Per node, to find where neighbours differ: */
     float *value[SINGLE_MAX_NODES];     /* [n_coef/4] light through a block of 2 x 2 texels */
@@ -93,6 +94,8 @@ struct path_job {
     const float *rgb;
     float *out;
     const float *toward; /* [3] plan->toward: the outward direction of the path */
+    uint32_t n_radial, first; /* with plan->extinction: functions of out in a plane, 0: its own;
+                                 the first of those that are integrated */
 };
 void prt_path_integrate(const struct path_job *job);
 /* SH of the refracted directions w_i' at the nodes of direction t. False: no node has light. */

@@ -23,7 +23,7 @@ static int multiple_cluster(const struct polynomial_walks *p, uint32_t c, const 
 {
     const struct bake *b = p->b;
     const uint32_t n = b->clusters->cluster[c].n_vertex;
-    struct half_rows none = {0};
+    struct half_rows none = {.n_layer = 1};
     struct product_rows product = {&none, cut, n, p->pool.n_radial, &p->lit, NULL, NULL};
     struct walk_rows rows = {
         .pool = &p->pool, .product = &product, .medium = prt_bake_medium(b, c)};

@@ -65,20 +65,35 @@ static void x07_size(const struct bake *b, uint32_t pieces, struct prt_radial_op
     o->extra = NULL, o->n_extra = 0;
 }
 
+// The indices that the basis of R_d serves: the media's own, or all of the nodes' range.
+static void choose_etas(const struct bake *b, struct prt_radial_options *o)
+{
+    struct prt_eta_nodes nodes;
+    double eta[PRT_MEDIA_MAX];
+    if (prt_bake_eta_nodes(b, PRT_FAMILY_DIPOLE, &nodes)) {
+        o->eta = (double)nodes.low;
+        o->eta_more[0] = (double)nodes.high;
+        o->eta_more[1] = (o->eta + o->eta_more[0]) / 2;
+        o->n_eta_more = 2;
+        o->eta_between = true;
+        return;
+    }
+    o->n_eta_more = prt_media_etas(&b->o.media, eta) - 1;
+    o->eta = eta[0];
+    memcpy(o->eta_more, eta + 1, o->n_eta_more * sizeof *eta);
+}
+
 int prt_bases_create(const struct bake *b, struct bases *s)
 {
     struct prt_profile own[MOST_OWN] = {{.kind = PRT_PROFILE_CURVE}};
     uint32_t n_own = 0;
-    double eta[PRT_MEDIA_MAX];
     double size = prt_mesh_diagonal(b->mesh);
     memset(s, 0, sizeof *s);
     struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
                                    .family = PRT_FAMILY_DIPOLE,
-                                   .n_eta_more = prt_media_etas(&b->o.media, eta) - 1,
                                    .radius_mm = 1.01 * size,
                                    .max_error = 0.5 * b->o.max_error};
-    o.eta = eta[0];
-    memcpy(o.eta_more, eta + 1, o.n_eta_more * sizeof *eta);
+    choose_etas(b, &o);
     int status = own_profiles(b, own, &n_own);
     o.extra = own, o.n_extra = n_own;
     x07_size(b, 16, &o);
@@ -160,43 +175,59 @@ static const double absorber_share = 1.4; // weight of the strongest absorbers i
 
 enum { SCATTER = 7, ABSORB = 4 };
 
-// The channels of the bake's media that have an R_d of their own and this eta.
+// The channels of the bake's media that have an R_d of their own and this eta; 0: any.
 static uint32_t count_own(const struct bake *b, double eta)
 {
     uint32_t n = 0;
     for (uint32_t i = 0; i < b->o.media.n; i++)
-        if (b->o.media.medium[i].profile && (double)b->o.media.medium[i].eta == eta) n += 3;
+        if (b->o.media.medium[i].profile &&
+            (eta == 0 || (double)b->o.media.medium[i].eta == eta))
+            n += 3;
     return n;
 }
 
-static int train_own(const struct bake *b, const struct bases *s, double eta, float *row)
+// A row's coefficients in the basis become those at every node of eta, [node][n].
+static int spread(const struct prt_eta_nodes *nodes, enum prt_radial_family family, double eta,
+                  uint32_t n, float *row)
 {
-    const uint32_t J = s->reflectance->n_function;
+    double weight[PRT_ETA_MOST_NODES];
+    int status = prt_eta_weights(family, nodes, eta, weight, NULL);
+    for (uint32_t b = nodes->n; b-- > 0 && !status;)
+        for (uint32_t j = 0; j < n; j++)
+            row[b * n + j] = (float)(weight[b] * (double)row[j]);
+    return status;
+}
+
+static int train_own(const struct bake *b, const struct bases *s, double eta,
+                     const struct prt_eta_nodes *nodes, float *row)
+{
+    const uint32_t J = s->reflectance->n_function, F = J * nodes->n;
     int status = PRT_OK;
     for (uint32_t i = 0; i < b->o.media.n && status == PRT_OK; i++) {
         const struct prt_material *m = &b->o.media.medium[i];
         float coef[64 * 3];
-        if (!m->profile || (double)m->eta != eta) continue;
+        if (!m->profile || (eta > 0 && (double)m->eta != eta)) continue;
         status = prt_radial_fit_material(s->reflectance, m, coef, NULL);
-        for (uint32_t c = 0; c < 3; c++, row += J)
+        for (uint32_t c = 0; c < 3 && !status; c++, row += F) {
             for (uint32_t j = 0; j < J; j++)
                 row[j] = coef[3 * j + c] / (float)b->dipole[i][c].rho_d;
+            if (nodes->n > 1)
+                status = spread(nodes, PRT_FAMILY_DIPOLE, (double)m->eta, J, row);
+        }
     }
     return status;
 }
 
-static int train_eta(const struct bake *b, const struct bases *s, double eta,
-                     struct training *t)
+// Media over the range at one eta, [SCATTER * ABSORB][functions].
+static int train_media(const struct bake *b, const struct bases *s, double eta,
+                       const struct prt_eta_nodes *nodes, float *row)
 {
     static const double absorb[ABSORB] = {0, 0.02, 0.25, 2};
-    const uint32_t J = s->reflectance->n_function;
-    t->n = SCATTER * ABSORB + count_own(b, eta);
-    t->weight = malloc((size_t)t->n * J * sizeof *t->weight);
-    int status = t->weight ? PRT_OK : PRT_NOMEM;
-    for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
+    const uint32_t J = s->reflectance->n_function, F = J * nodes->n;
+    int status = PRT_OK;
+    for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++, row += F) {
         double scatter = log_step(0.02, 20, i / ABSORB, SCATTER);
         struct prt_diffusion d;
-        float *row = t->weight + (size_t)i * J;
         prt_diffusion_init(&d, scatter, absorb[i % ABSORB], eta);
         status = grey_fit(s->reflectance, eta, scatter, absorb[i % ABSORB], row);
         double answer = d.rho_d * share_on_body(b, &d);
@@ -205,16 +236,50 @@ static int train_eta(const struct bake *b, const struct bases *s, double eta,
         // no other medium more.
         if (i % ABSORB == ABSORB - 1) answer /= absorber_share;
         for (uint32_t j = 0; j < J; j++) row[j] /= (float)answer;
+        if (!status && nodes->n > 1) status = spread(nodes, PRT_FAMILY_DIPOLE, eta, J, row);
     }
-    return status ? status : train_own(b, s, eta, t->weight + (size_t)SCATTER * ABSORB * J);
+    return status;
+}
+
+static int train_eta(const struct bake *b, const struct bases *s, double eta,
+                     struct training *t)
+{
+    static const struct prt_eta_nodes fixed = {.n = 1};
+    const uint32_t J = s->reflectance->n_function;
+    t->n = SCATTER * ABSORB + count_own(b, eta);
+    t->weight = malloc((size_t)t->n * J * sizeof *t->weight);
+    int status = t->weight ? PRT_OK : PRT_NOMEM;
+    if (!status) status = train_media(b, s, eta, &fixed, t->weight);
+    return status ? status
+                  : train_own(b, s, eta, &fixed, t->weight + (size_t)SCATTER * ABSORB * J);
+}
+
+// One training for all indices: the media at both nodes, between and beyond which F_t and R_d
+// change little.
+static int train_any_eta(const struct bake *b, const struct bases *s,
+                         const struct prt_eta_nodes *nodes, struct training *t)
+{
+    const uint32_t F = s->reflectance->n_function * nodes->n, own = count_own(b, 0);
+    const size_t media = (size_t)SCATTER * ABSORB * F;
+    t->n = nodes->n * SCATTER * ABSORB + own;
+    t->weight = malloc((size_t)t->n * F * sizeof *t->weight);
+    int status = t->weight ? PRT_OK : PRT_NOMEM;
+    for (uint32_t a = 0; a < nodes->n && !status; a++)
+        status = train_media(b, s, (double)nodes->node[a], nodes, t->weight + a * media);
+    return status ? status : train_own(b, s, 0, nodes, t->weight + nodes->n * media);
 }
 
 int prt_bases_train_reflectance(const struct bake *b, struct bases *s)
 {
     double eta[PRT_MEDIA_MAX];
+    struct prt_eta_nodes nodes;
     const uint32_t n = prt_media_etas(&b->o.media, eta);
     int status = PRT_OK;
     prt_bases_drop_training(s);
+    if (prt_bake_eta_nodes(b, PRT_FAMILY_DIPOLE, &nodes)) {
+        s->n_training = 1;
+        return train_any_eta(b, s, &nodes, &s->training[0]);
+    }
     for (s->n_training = 0; s->n_training < n && status == PRT_OK; s->n_training++)
         status = train_eta(b, s, eta[s->n_training], &s->training[s->n_training]);
     return status;
@@ -222,26 +287,60 @@ int prt_bases_train_reflectance(const struct bake *b, struct bases *s)
 
 static const float higher_planes = 0.6f; // weight of l > 0; chosen, not measured
 
-int prt_bases_train_extinction(const struct bake *b, struct bases *s, uint32_t n_phase)
+// Extinctions over the range at one eta, each plane of the phase function apart: weight
+// [STEPS * n_phase][n_phase][functions].
+enum { STEPS = 10 };
+
+static int train_paths(const struct bases *s, uint32_t n_phase, double eta,
+                       const struct prt_eta_nodes *nodes, float *weight)
 {
-    enum { STEPS = 10 };
-    uint32_t J = s->extinction->n_function, F = J * n_phase;
-    struct training *t0 = &s->training[0];
-    prt_bases_drop_training(s);
-    t0->n = STEPS * n_phase;
-    t0->weight = calloc((size_t)t0->n * F, sizeof *t0->weight);
-    s->n_training = 1;
-    int status = t0->weight ? PRT_OK : PRT_NOMEM;
+    const uint32_t J = s->extinction->n_function, N = J * nodes->n;
+    float row[PRT_ETA_MOST_NODES * 64];
+    int status = PRT_OK;
     for (uint32_t t = 0; status == PRT_OK && t < STEPS; t++) {
         double sigma = log_step(0.03, 40, (int)t, STEPS);
-        float coef[64];
-        status = grey_fit(s->extinction, 1, sigma, 0, coef);
+        status = grey_fit(s->extinction, 1, sigma, 0, row);
+        if (!status && nodes->n > 1) status = spread(nodes, PRT_FAMILY_EXTINCTION, eta, J, row);
         for (uint32_t k = 0; k < n_phase; k++)
-            for (uint32_t j = 0; j < J; j++)
-                t0->weight[((size_t)t * n_phase + k) * F + k * J + j] =
-                    coef[j] * (float)sigma * (k ? higher_planes : 1.0f);
+            for (uint32_t j = 0; j < N; j++)
+                weight[(((size_t)t * n_phase + k) * n_phase + k) * N + j] =
+                    row[j] * (float)sigma * (k ? higher_planes : 1.0f);
     }
     return status;
+}
+
+int prt_bases_train_extinction(const struct bake *b, struct bases *s, uint32_t n_phase)
+{
+    struct prt_eta_nodes nodes = {.n = 1};
+    const bool any_eta = prt_bake_eta_nodes(b, PRT_FAMILY_EXTINCTION, &nodes);
+    const uint32_t N = s->extinction->n_function * nodes.n, at = any_eta ? 2 : 1;
+    const size_t block = (size_t)STEPS * n_phase * n_phase * N;
+    struct training *t = &s->training[0];
+    prt_bases_drop_training(s);
+    t->n = at * STEPS * n_phase;
+    t->weight = calloc(at * block, sizeof *t->weight);
+    s->n_training = 1;
+    int status = t->weight ? PRT_OK : PRT_NOMEM;
+    for (uint32_t a = 0; a < at && !status; a++) // the first and the last node
+        status = train_paths(s, n_phase, (double)nodes.node[a ? nodes.n - 1 : 0], &nodes,
+                             t->weight + a * block);
+    return status;
+}
+
+int prt_bases_record_eta(const struct bake *b, struct prt_tensor *t)
+{
+    struct prt_eta_nodes nodes;
+    const enum prt_radial_family family =
+        t->term == PRT_TERM_MULTIPLE ? PRT_FAMILY_DIPOLE : PRT_FAMILY_EXTINCTION;
+    if (!prt_bake_eta_nodes(b, family, &nodes)) return PRT_OK;
+    float *axis = prt_alloc(2 + nodes.n, sizeof *axis);
+    t->eta = axis;
+    if (!axis) return PRT_NOMEM;
+    axis[0] = nodes.low, axis[1] = nodes.high;
+    memcpy(axis + 2, nodes.node, nodes.n * sizeof *axis);
+    t->n_eta = 2 + nodes.n;
+    t->n_radial *= nodes.n;
+    return PRT_OK;
 }
 
 int prt_bases_record(const struct prt_radial *radial, uint32_t n_phase, struct prt_tensor *t)

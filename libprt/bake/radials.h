@@ -21,7 +21,7 @@ void prt_bases_drop_training(struct bases *s);
 /* The reflectance basis as the functions of a cut; refers to s. */
 struct radial_set prt_bases_radial_set(const struct bases *s);
 /* Fills s->training for multiple scattering, for each eta of the bake's media in the order of
- * prt_media_etas: media over the range, each divided by its response
+ * prt_media_etas, or one for any index: media over the range, each divided by its response
  * to constant irradiance, so that all errors are relative. */
 int prt_bases_train_reflectance(const struct bake *b, struct bases *s);
 /* The same for single scattering: extinctions over the range, each plane of the phase function
@@ -30,5 +30,8 @@ int prt_bases_train_extinction(const struct bake *b, struct bases *s, uint32_t n
 /* Copies a basis into a tensor: answers fit their material to it. */
 int prt_bases_record(const struct prt_radial *radial, uint32_t n_phase,
                      struct prt_tensor *tensor);
+/* After it, of a joint bake for any index: the nodes of eta, at each of which the tensor has
+ * the basis' functions. */
+int prt_bases_record_eta(const struct bake *b, struct prt_tensor *tensor);
 
 #endif

@@ -73,6 +73,21 @@ uint32_t prt_bake_medium(const struct bake *b, uint32_t cluster);
 int prt_bake_dipoles(struct bake *b);
 /* A Fresnel table for each medium, [media.n]; NULL without memory; the caller prt_free()s. */
 struct fresnel_table *prt_bake_fresnel(const struct prt_media *media);
+/* The same for each node of eta, [nodes->n]. */
+struct fresnel_table *prt_bake_node_fresnel(const struct prt_eta_nodes *nodes);
+/* The tables of single scattering: those of the nodes of eta, or prt_bake_fresnel; and where a
+ * medium's begin in them. */
+struct fresnel_table *prt_bake_single_fresnel(const struct bake *b);
+static inline const struct fresnel_table *prt_plan_fresnel(const struct fresnel_table *tables,
+                                                           const struct single_plan *plan,
+                                                           uint32_t medium)
+{
+    return plan->n_eta > 1 ? tables : tables + medium;
+}
+/* The nodes of eta of a bake for any index, as the engine's tensor of that family has them;
+ * false: each object has its medium's own. */
+bool prt_bake_eta_nodes(const struct bake *b, enum prt_radial_family family,
+                        struct prt_eta_nodes *out);
 /* Whether some medium scatters singly: one with an R_d of its own holds all its light. */
 bool prt_bake_any_single(const struct bake *b);
 /* A log that drops every line. */

@@ -53,6 +53,7 @@ char *prt_bake_describe(const struct bake *b)
                             b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored");
     cJSON_AddStringToObject(json, "scattering", b->walk ? "walk" : "dipole");
     if (b->o.draft) cJSON_AddBoolToObject(json, "draft", true);
+    if (b->o.any_eta) cJSON_AddBoolToObject(json, "any_eta", true);
     add_u64(json, "cube", b->o.cube);
     add_u64(json, "samples", b->surface ? b->surface->n_sample : 0);
     add_rounded(json, "spacing_mm", b->surface ? (double)b->surface->spacing : 0);

@@ -9,21 +9,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Floats of one direction: the exits of the nodes, the values that compare them (value and
+// Floats of one direction: the exits of the nodes at each index, the values that compare them (value and
 // uncertain 1/4 each, coarse and fine 1/16 each), and cosine, cell, first and split.
 size_t prt_single_scratch_bytes(const struct single_plan *plan)
 {
-    return ((SINGLE_MAX_NODES * 6 + 4) * (size_t)plan->n_direction + 64) * sizeof(float);
+    const size_t arrays = SINGLE_MAX_NODES * (5 * (size_t)plan->n_eta + 1) + 4;
+    return (arrays * plan->n_direction + 64) * sizeof(float);
 }
 
 static void carve(const struct single_plan *plan, void *memory, struct scratch *s)
 {
     float *at = memory;
     uint32_t n = plan->n_direction;
+    s->node = s->of_eta[0];
+    for (uint32_t i = 0; i < plan->n_eta * SINGLE_MAX_NODES; i++) {
+        struct exits *e = &s->of_eta[i / SINGLE_MAX_NODES][i % SINGLE_MAX_NODES];
+        e->path_mm = at, at += n;
+        e->transmittance = at, at += n;
+        for (int k = 0; k < 3; k++) e->dir[k] = at, at += n;
+    }
     for (int a = 0; a < SINGLE_MAX_NODES; a++) {
-        s->node[a].path_mm = at, at += n;
-        s->node[a].transmittance = at, at += n;
-        for (int k = 0; k < 3; k++) s->node[a].dir[k] = at, at += n;
         s->value[a] = at;
         s->uncertain[a] = at + n / 4;
         s->coarse[a] = at + n / 2;
@@ -108,7 +113,7 @@ uint64_t prt_single_light(const struct single_plan *plan, const struct fresnel_t
     memset(out, 0, (size_t)plan->n_phase * plan->extinction->n_function * 3 * sizeof *out);
     float end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     prt_path_integrate(
-        &(struct path_job){plan, fresnel, &s, depth, end, n, light->rgb, out, NULL});
+        &(struct path_job){plan, fresnel, &s, depth, end, n, light->rgb, out, NULL, 0, 0});
     return rays;
 }
 
@@ -177,8 +182,12 @@ static uint64_t cells_along(const struct single_plan *plan, const struct fresnel
     started = prt_work_begin();
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     out->n_cell = make_cells(plan, &s);
-    prt_path_integrate(
-        &(struct path_job){plan, fresnel, &s, depth, end, out->n_cell, NULL, value, toward});
+    const uint32_t J = plan->extinction ? plan->extinction->n_function : 0;
+    for (uint32_t b = 0; b < plan->n_eta; b++) {
+        s.node = s.of_eta[b];
+        prt_path_integrate(&(struct path_job){plan, &fresnel[b], &s, depth, end, out->n_cell,
+                                              NULL, value, toward, plan->n_eta * J, b * J});
+    }
     prt_work_end(plan->work, WORK_PATHS, started, 0, 0);
     return rays;
 }
@@ -201,7 +210,8 @@ uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_ta
                          uint32_t vertex, float *out, void *memory)
 {
     uint32_t n = plan->directions->n_coef;
-    uint32_t n_plane = plan->n_phase * (plan->extinction ? plan->extinction->n_function : 3);
+    uint32_t n_plane =
+        plan->n_phase * (plan->extinction ? plan->n_eta * plan->extinction->n_function : 3);
     struct single_cells c;
     struct scratch s = {0};
     uint64_t rays = prt_single_cells(plan, fresnel, vertex, out, &c, memory);

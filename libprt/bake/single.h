@@ -17,8 +17,9 @@ struct lanes {
 struct corners {
     float n[3][3][16]; /* [corner][axis] */
 };
-/* Traces the lanes of mask from inside the body to their exits. transmittance does not yet
- * count occlusion beyond the exit. Returns the lanes that leave the body. */
+/* Traces the lanes of mask from inside the body to their exits, out [plan->n_eta]: the rays do
+ * not depend on eta. transmittance does not yet count occlusion beyond the exit. Returns the
+ * lanes that leave the body. */
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                          struct prt_packet *packet, uint32_t mask, struct lanes *out);
 /* Lane i of `shadow` becomes the ray from lane j's exit onwards, eps [mm] off the triangle. */

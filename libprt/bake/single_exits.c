@@ -23,12 +23,14 @@ uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_ta
     uint32_t leave = 0;
     prt_scene_intersect16(plan->scene, packet, mask, false);
     gather_corners(plan->mesh, packet, &corner);
-    prt_bake_loops(plan->cpu)->refract(packet, &corner, plan->eta, out);
-    for (int i = 0; i < 16; i++) {
-        leave |= (uint32_t)(out->cosine[i] > 0) << i;
-        float transmittance = fresnel_table_eval(fresnel, out->cosine[i]);
-        out->transmittance[i] = out->cosine[i] > 0 ? transmittance : 0;
+    for (uint32_t b = 0; b < plan->n_eta; b++) {
+        prt_bake_loops(plan->cpu)->refract(packet, &corner, plan->eta[b], &out[b]);
+        for (int i = 0; i < 16; i++) {
+            float transmittance = fresnel_table_eval(&fresnel[b], out[b].cosine[i]);
+            out[b].transmittance[i] = out[b].cosine[i] > 0 ? transmittance : 0;
+        }
     }
+    for (int i = 0; i < 16; i++) leave |= (uint32_t)(out->cosine[i] > 0) << i;
     return leave & mask;
 }
 

@@ -58,7 +58,8 @@ static void flush_shadows(struct queue *q)
         const struct target *to = &q->shadow_target[i];
         uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
         for (uint32_t j = 0; blocked >> i & 1 && j < n; j++)
-            q->s->node[to->node].transmittance[at[j]] = 0;
+            for (uint32_t b = 0; b < q->plan->n_eta; b++)
+                q->s->of_eta[b][to->node].transmittance[at[j]] = 0;
     }
     q->n_shadow = 0;
 }
@@ -72,21 +73,31 @@ static int horizon_of(const struct queue *q, uint32_t i)
                            plan->directions->bin[q->target[i].texel]);
 }
 
-// Stores the exit of lane i and queues its shadow ray where visibility is unknown.
+// The index whose exits decide where finer rays are cast: the middle one.
+static uint32_t deciding(const struct single_plan *plan)
+{
+    return plan->n_eta / 2;
+}
+
+// Stores the exit of lane i at every index, lane [n_eta], and queues its shadow ray where
+// visibility is unknown.
 static void take_exit(struct queue *q, const struct lanes *lane, uint32_t i, bool leaves)
 {
     const struct target *to = &q->target[i];
-    struct exits *e = &q->s->node[to->node];
     uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
     int certain = leaves ? horizon_of(q, i) : 1;
-    for (uint32_t j = 0; j < n; j++) {
-        prt_store_exit(e, at[j], lane, i);
-        if (certain < 0) e->transmittance[at[j]] = 0;
-        if (q->keep_directions) prt_store_direction(e, at[j], lane, i);
+    for (uint32_t b = 0; b < q->plan->n_eta; b++) {
+        struct exits *e = &q->s->of_eta[b][to->node];
+        for (uint32_t j = 0; j < n; j++) {
+            prt_store_exit(e, at[j], &lane[b], i);
+            if (certain < 0) e->transmittance[at[j]] = 0;
+            if (q->keep_directions) prt_store_direction(e, at[j], &lane[b], i);
+        }
     }
+    const float path_mm = lane[deciding(q->plan)].path_mm[i];
     if (n > 1)
         q->s->uncertain[to->node][to->block] =
-            certain ? 0 : exp_minus(q->plan->weakest * lane->path_mm[i]);
+            certain ? 0 : exp_minus(q->plan->weakest * path_mm);
     if (certain) return;
     prt_leave_body(&q->packet, i, prt_scene_epsilon(q->plan->scene), &q->shadow, q->n_shadow);
     q->shadow_target[q->n_shadow] = *to;
@@ -95,7 +106,7 @@ static void take_exit(struct queue *q, const struct lanes *lane, uint32_t i, boo
 
 static void flush_exits(struct queue *q)
 {
-    struct lanes lane;
+    struct lanes lane[PRT_ETA_MOST_NODES];
     uint32_t mask = q->fill == 16 ? 0xffff : (1u << q->fill) - 1;
     if (!q->fill) return;
     for (uint32_t i = q->fill; i < 16; i++) {
@@ -106,10 +117,11 @@ static void flush_exits(struct queue *q)
         q->packet.tnear[i] = 0;
         q->packet.tfar[i] = q->plan->inward_mm;
     }
-    uint32_t leave = prt_trace_exits(q->plan, q->fresnel, &q->packet, mask, &lane);
+    uint32_t leave = prt_trace_exits(q->plan, q->fresnel, &q->packet, mask, lane);
     q->rays += q->fill;
-    prt_fill_missed(&lane, out_of_reach(q->plan));
-    for (uint32_t i = 0; i < q->fill; i++) take_exit(q, &lane, i, leave >> i & 1);
+    for (uint32_t b = 0; b < q->plan->n_eta; b++)
+        prt_fill_missed(&lane[b], out_of_reach(q->plan));
+    for (uint32_t i = 0; i < q->fill; i++) take_exit(q, lane, i, leave >> i & 1);
     q->fill = 0;
 }
 
@@ -177,13 +189,19 @@ static float attenuated(const struct single_plan *plan, const struct exits *e, u
     return e->transmittance[t] * exp_minus(plan->weakest * u);
 }
 
-static void copy_tile(const struct directions *d, uint32_t t, uint32_t wide,
-                      const struct exits *from, struct exits *to, bool directions)
+// Tile t of node `from` becomes that of node `to` as well.
+static void copy_tile(const struct queue *q, uint32_t t, uint32_t wide, uint32_t from,
+                      uint32_t to)
 {
-    for (uint32_t j = 0; j < 16; j++) {
-        uint32_t at = d->texel[(size_t)block_of(t, j >> 2, wide) * 4 + (j & 3)];
-        to->path_mm[at] = from->path_mm[at], to->transmittance[at] = from->transmittance[at];
-        for (int k = 0; directions && k < 3; k++) to->dir[k][at] = from->dir[k][at];
+    const struct directions *d = q->plan->directions;
+    for (uint32_t i = 0; i < 16 * q->plan->n_eta; i++) {
+        const uint32_t j = i % 16;
+        const uint32_t at = d->texel[(size_t)block_of(t, j >> 2, wide) * 4 + (j & 3)];
+        const struct exits *e = q->s->of_eta[i / 16];
+        e[to].path_mm[at] = e[from].path_mm[at];
+        e[to].transmittance[at] = e[from].transmittance[at];
+        for (int k = 0; q->keep_directions && k < 3; k++)
+            e[to].dir[k][at] = e[from].dir[k][at];
     }
 }
 
@@ -245,7 +263,7 @@ static void trace_tiles(struct queue *q, const struct layout *l)
                 push_block(q, l, a, chosen(l, t, a), TILE);
                 continue;
             }
-            copy_tile(d, t, l->wide, &q->s->node[mid], &q->s->node[a], q->keep_directions);
+            copy_tile(q, t, l->wide, mid, a);
             q->s->uncertain[a][chosen(l, t, a)] = 0;
         }
     }
@@ -319,6 +337,7 @@ uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_ta
                       .s = s,
                       .use_horizon = true,
                       .keep_directions = prt_single_keeps_directions(plan)};
+    s->node = s->of_eta[deciding(plan)];
     weigh_nodes(plan, l.depth, l.rise);
     for (uint32_t a = 0; a < l.n_node; a++) {
         l.pattern[a] = path->pattern + 65 * a; // 65: another jitter and another sub-sample

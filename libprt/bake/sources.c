@@ -19,12 +19,14 @@ static int lit_range(void *arg, size_t begin, size_t end, unsigned worker)
     const struct lit_job *job = arg;
     const struct half_rows *rows = job->rows;
     const size_t n_coef = rows->n_coef, m = job->lit->n_light, n = end - begin;
+    const size_t texels = prt_half_rows_texels(rows), layers = rows->n_layer;
     uint64_t started = prt_work_begin();
     float *e = prt_alloc(n * n_coef, sizeof *e);
     if (!e) return PRT_NOMEM;
     prt_f16_to_f32_array(rows->half + begin * n_coef, n * n_coef, e);
-    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1, e,
-                (int)n_coef, job->lit->light, (int)m, 0, job->lit->value + begin * m, (int)m);
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)(n * layers), (int)m,
+                (int)texels, 1, e, (int)texels, job->lit->light, (int)m, 0,
+                job->lit->value + begin * layers * m, (int)m);
     prt_free(e);
     if (begin / BLOCK % 16 == 0) prt_half_rows_rest(rows);
     prt_work_end(job->work, WORK_LIT_ROWS, started, 0,
@@ -36,7 +38,8 @@ int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *r
                         const float *light, uint32_t n_light, struct work_meters *work,
                         struct lit_rows *out)
 {
-    *out = (struct lit_rows){n_light, light, prt_alloc(rows->n_row * n_light, sizeof(float))};
+    const size_t all = rows->n_row * rows->n_layer * n_light;
+    *out = (struct lit_rows){n_light, light, prt_alloc(all, sizeof(float))};
     struct lit_job job = {rows, out, work};
     int status = out->value ? prt_parallel_for(ctx, "multiple scattering", rows->n_row, BLOCK,
                                                lit_range, &job)
@@ -60,14 +63,15 @@ static void load_rows(const struct product_rows *p, uint32_t first, uint32_t n, 
                              out + i * n_coef);
 }
 
-// The cut's rows times x, [C][m].
+// The cut's rows times x, [C][layer][m].
 static int light_rows(const struct product_rows *p, const float *x, uint32_t m, float *ex)
 {
-    uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
+    const uint32_t C = p->cut->n_column, layers = p->rows->n_layer;
+    const size_t n_coef = p->rows->n_coef, texels = prt_half_rows_texels(p->rows),
+                 wide = (size_t)layers * m;
     if (p->lit && p->lit->light == x && p->lit->n_light == m) {
         for (uint32_t i = 0; i < C; i++)
-            memcpy(ex + (size_t)i * m, p->lit->value + (size_t)p->cut->row[i] * m,
-                   m * sizeof *ex);
+            memcpy(ex + i * wide, p->lit->value + p->cut->row[i] * wide, wide * sizeof *ex);
         return PRT_OK;
     }
     float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
@@ -75,8 +79,8 @@ static int light_rows(const struct product_rows *p, const float *x, uint32_t m, 
     for (uint32_t first = 0; first < C; first += BLOCK) {
         uint32_t n = C - first < BLOCK ? C - first : BLOCK;
         load_rows(p, first, n, e);
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1,
-                    e, (int)n_coef, x, (int)m, 0, ex + (size_t)first * m, (int)m);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)(n * layers), (int)m,
+                    (int)texels, 1, e, (int)texels, x, (int)m, 0, ex + first * wide, (int)m);
     }
     prt_free(e);
     return PRT_OK;
@@ -98,9 +102,10 @@ static int smooth_answers(const struct product_rows *p, uint32_t f, uint32_t m, 
 int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     struct product_rows *p = user;
-    uint32_t C = p->cut->n_column;
+    const uint32_t C = p->cut->n_column, layers = p->rows->n_layer, wide = layers * m,
+                   n_kernel = p->n_function / layers;
     uint64_t started = prt_work_begin();
-    float *ex = prt_alloc((size_t)C * m + 1, sizeof *ex);
+    float *ex = prt_alloc((size_t)C * wide + 1, sizeof *ex);
     int status = ex ? light_rows(p, x, m, ex) : PRT_NOMEM;
     size_t stride = (size_t)p->n_vertex * C;
     for (uint32_t f = 0; status == PRT_OK && f < p->n_function; f++) {
@@ -108,8 +113,8 @@ int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
         if (!C) memset(y, 0, (size_t)p->n_vertex * m * sizeof *y);
         else
             cblas_sgemm(CblasRowMajor, CblasTrans, CblasNoTrans, (int)p->n_vertex, (int)m,
-                        (int)C, 1, p->cut->k + f * stride, (int)p->n_vertex, ex, (int)m, 0, y,
-                        (int)m);
+                        (int)C, 1, p->cut->k + f % n_kernel * stride, (int)p->n_vertex,
+                        ex + f / n_kernel * m, (int)wide, 0, y, (int)m);
         if (p->smooth) status = smooth_answers(p, f, m, y);
     }
     prt_free(ex);
@@ -120,19 +125,21 @@ int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
 
 int prt_product_weigh(const struct product_rows *p, const float *q, uint32_t n, float *out)
 {
-    uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
+    const uint32_t C = p->cut->n_column, layers = p->rows->n_layer;
+    const size_t n_coef = p->rows->n_coef, texels = prt_half_rows_texels(p->rows);
     float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
     if (!e) return PRT_NOMEM;
-    memset(out, 0, (size_t)n * n_coef * sizeof *out);
+    memset(out, 0, (size_t)n * texels * sizeof *out);
     for (uint32_t first = 0; first < C; first += BLOCK) {
         uint32_t rows = C - first < BLOCK ? C - first : BLOCK;
         load_rows(p, first, rows, e);
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)n_coef, (int)rows,
-                    1, q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)texels,
+                    (int)(rows * layers), 1, q + (size_t)first * layers, (int)(C * layers), e,
+                    (int)texels, 1, out, (int)texels);
     }
     prt_free(e);
     prt_half_rows_rest(p->rows);
-    prt_work_count(p->work, WORK_PROJECTION, 0, 2.0 * n * (double)C * n_coef);
+    prt_work_count(p->work, WORK_PROJECTION, 0, 2.0 * n * (double)C * (double)n_coef);
     return PRT_OK;
 }
 
@@ -168,13 +175,20 @@ static int weights_of(const struct product_rows *p, const float *u, uint32_t r, 
 int prt_product_project(void *user, const float *u, uint32_t r, float *out)
 {
     struct product_rows *p = user;
-    uint32_t C = p->cut->n_column, F = p->n_function;
-    float *q = prt_alloc((size_t)r * F * C + 1, sizeof *q); // [r][F][C]
-    if (!q) return PRT_NOMEM;
-    int status = PRT_OK;
-    for (uint32_t f = 0; f < F && C && !status; f++)
-        status = weights_of(p, u, r, f, q + (size_t)f * C, (size_t)F * C);
+    const uint32_t C = p->cut->n_column, F = p->n_function, layers = p->rows->n_layer,
+                   n_kernel = F / layers;
+    const size_t wide = (size_t)C * layers;
+    float *one = prt_alloc((size_t)r * C + 1, sizeof *one);
+    float *q = prt_calloc(r * F * wide + 1, sizeof *q); // [r][F][C][layer]
+    int status = one && q ? PRT_OK : PRT_NOMEM;
+    for (uint32_t f = 0; f < F && C && !status; f++) {
+        status = weights_of(p, u, r, f % n_kernel, one, C);
+        for (uint32_t i = 0; i < r; i++)
+            cblas_scopy((int)C, one + (size_t)i * C, 1,
+                        q + ((size_t)i * F + f) * wide + f / n_kernel, (int)layers);
+    }
     if (!status) status = prt_product_weigh(p, q, r * F, out);
+    prt_free(one);
     prt_free(q);
     return status;
 }
@@ -183,15 +197,18 @@ int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, cons
                         const uint32_t *row, float *out)
 {
     struct product_rows *p = user;
-    uint32_t C = p->cut->n_column, F = p->n_function;
-    float *one = prt_alloc((size_t)r * C + 1, sizeof *one); // [r][C] of one function
-    float *q = prt_calloc((size_t)n * C + 1, sizeof *q);    // [n][C]
+    const uint32_t C = p->cut->n_column, F = p->n_function, layers = p->rows->n_layer,
+                   n_kernel = F / layers;
+    const size_t wide = (size_t)C * layers;
+    float *one = prt_alloc((size_t)r * C + 1, sizeof *one); // [r][C] of one kernel
+    float *q = prt_calloc(n * wide + 1, sizeof *q);         // [n][C][layer]
     int status = one && q ? PRT_OK : PRT_NOMEM;
-    for (uint32_t f = 0; f < F && C && !status; f++) {
+    for (uint32_t f = 0; f < n_kernel && C && !status; f++) {
         status = weights_of(p, u, r, f, one, C);
-        for (uint32_t i = 0; i < n && !status; i++)
-            cblas_saxpy((int)C, w[(size_t)i * F + f], one + (size_t)row[i] * C, 1,
-                        q + (size_t)i * C, 1);
+        for (uint32_t i = 0; i < n * layers && !status; i++)
+            cblas_saxpy((int)C, w[(size_t)(i / layers) * F + i % layers * n_kernel + f],
+                        one + (size_t)row[i / layers] * C, 1,
+                        q + i / layers * wide + i % layers, (int)layers);
     }
     if (!status) status = prt_product_weigh(p, q, n, out);
     prt_free(one);

@@ -9,6 +9,7 @@
 
 #include "prt/bake.h"
 #include "prt/bake_limits.h"
+#include "prt/eta_nodes.h"
 #include "prt/surface.h"
 #include "prt/trace.h"
 
@@ -78,16 +79,21 @@ uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct direct
 /* Rows of half floats: samples first (in tree order), then the nodes of the hierarchy. Rows
  * that take more bytes than `room` are mapped from an unlinked temporary file. */
 struct half_rows {
-    size_t n_row, n_coef, bytes;
+    size_t n_row, n_coef, bytes; /* n_coef: of all layers */
+    uint32_t n_layer;            /* of a row, one behind the other: nodes of eta, or 1 */
     uint16_t *half;
     bool on_disk;
 };
 /* An unlinked file of `bytes` in TMPDIR, else /var/tmp; -1: errno. */
 int prt_temporary_file(uint64_t bytes);
+static inline size_t prt_half_rows_texels(const struct half_rows *rows)
+{
+    return rows->n_coef / rows->n_layer;
+}
 /* Rows that are on disk are not read for a while: they need not stay in memory. */
 void prt_half_rows_rest(const struct half_rows *rows);
-int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
-                         size_t room, struct half_rows *out);
+int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_texel,
+                         uint32_t n_layer, size_t room, struct half_rows *out);
 void prt_half_rows_finish(struct half_rows *rows);
 
 struct checkpoint;  /* checkpoint.h */
@@ -124,6 +130,8 @@ struct irradiance_source {
     struct ray_store *store;       /* of this pass, or NULL */
     struct work_meters *work;      /* or NULL */
     const struct prt_media *media; /* whose eta each object has */
+    const struct prt_eta_nodes *nodes; /* or NULL: rows have a layer for each node of eta,
+                                          whatever the object */
     size_t room;                   /* bytes of memory for the rows (prt_half_rows_create) */
 };
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
@@ -363,7 +371,9 @@ struct single_plan {
     const struct prt_mesh *mesh;
     const struct directions *directions; /* one sub-sample of each texel is used */
     float sigma_t[3], sigma_s[3];        /* mm^-1 */
-    float eta;
+    uint32_t n_eta; /* 1, or the nodes of any index: then functions are those of a radial basis
+                       at each node, and `fresnel` is an array of n_eta tables below */
+    float eta[PRT_ETA_MOST_NODES];
     unsigned n_phase;          /* 1, 4, 9 */
     struct prt_phase phase[3]; /* per channel */
     uint32_t n_point;          /* every_ray: points a path */
@@ -393,7 +403,7 @@ void prt_single_plan_depths(struct single_plan *plan);
 void prt_single_plan_finish(struct single_plan *plan);
 /* Depths [mm] of the nodes along a path through `thickness` mm of the body, geometric. */
 void prt_single_plan_nodes(const struct single_plan *plan, float thickness, float *depth);
-/* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase*n_radial][n_coef] with a radial
+/* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase][n_eta*n_radial][n_coef] with a radial
  * basis), means over texels, solid angle not applied. Returns the number of rays cast. scratch:
  * prt_single_scratch_bytes, 64-byte aligned, one for each thread. */
 uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,

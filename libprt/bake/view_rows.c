@@ -20,7 +20,7 @@ struct view_bake {
     struct support *s;
     struct directions *directions;
     struct single_plan *axis, *toward; // [media.n] along -n_o; towards a direction
-    struct fresnel_table *fresnel;     // [media.n]
+    struct fresnel_table *fresnel;     // prt_bake_single_fresnel
     uint32_t n_base;                   // functions of one direction: 3, or those of a basis
     uint32_t *corner_begin, *corner;   // triangles around each welded vertex
     uint32_t *coarse;                  // [n_coef] texel of the supports
@@ -193,7 +193,7 @@ static void base_weights(const struct view_bake *v, const float n[3],
     for (unsigned k = 0; k < n_phase; k++) {
         float plane[MOST_BASE][3] = {{0}};
         plane[k][0] = k ? 1 : y[0];
-        (void)prt_view_correct(&alone, 1, 0, 1, (const float(*)[3])n, (double)p->eta, n_phase,
+        (void)prt_view_correct(&alone, 1, 0, 1, (const float(*)[3])n, (double)p->eta[0], n_phase,
                                n_plane, plane[0]);
         out[k] = plane[0][0];
         for (unsigned i = 1; i < n_plane; i++) out[k] += y[i] * plane[i][0];
@@ -238,7 +238,7 @@ static void trace_support(struct view_bake *v, uint32_t i, struct view_scratch *
     float w[VIEW_VALUES][3], matrix[VIEW_PLANES][VIEW_VALUES];
     v->rays += prt_single_cells(axis, &v->fresnel[medium], vertex, q->value, &cells, q->rays);
     to_texels(v, &cells, axis->n_phase * v->n_base, q->plane);
-    prt_view_directions((double)axis->eta, n,
+    prt_view_directions((double)axis->eta[0], n,
                         (double)(prt_hash64(&vertex, sizeof vertex, 3) % 4096) / 4096, w);
     for (int d = 0; d < VIEW_VALUES; d++) {
         float *row = q->row + (size_t)d * texels;
@@ -278,9 +278,10 @@ static int axis_range(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t i = begin; status == PRT_OK && i < end; i++) {
         const uint32_t medium = prt_bake_medium(v->b, v->s->cluster[i]);
         struct single_cells cells;
-        v->rays += prt_single_cells(&v->axis[medium], &v->fresnel[medium], v->s->vertex[i],
-                                    q.value, &cells, q.rays);
-        to_texels(v, &cells, v->axis[medium].n_phase * v->n_base, q.plane);
+        const struct single_plan *axis = &v->axis[medium];
+        v->rays += prt_single_cells(axis, prt_plan_fresnel(v->fresnel, axis, medium),
+                                    v->s->vertex[i], q.value, &cells, q.rays);
+        to_texels(v, &cells, axis->n_phase * v->n_base, q.plane);
         prt_support_set(v->s, (uint32_t)i, q.plane);
     }
     scratch_finish(&q);
@@ -290,13 +291,16 @@ static int axis_range(void *arg, size_t begin, size_t end, unsigned worker)
 static int trace(struct bake *b, const struct extinction_table *extinction, const char *stage,
                  prt_loop_fn range, bool whole_phase, struct support *s)
 {
-    struct view_bake v = {.b = b, .s = s, .n_base = extinction ? extinction->n_function : 3};
+    struct view_bake v = {
+        .b = b,
+        .s = s,
+        .n_base = extinction ? b->single[0].n_eta * extinction->n_function : 3};
     const uint32_t light = SUPPORT_LIGHT;
     int status = prt_directions_create(b->ctx->cpu, light, prt_bake_patterns(&b->o), b->o.seed,
                                        &v.directions);
     v.axis = prt_calloc(b->o.media.n, sizeof *v.axis);
     v.toward = prt_calloc(b->o.media.n, sizeof *v.toward);
-    v.fresnel = prt_bake_fresnel(&b->o.media);
+    v.fresnel = prt_bake_single_fresnel(b);
     v.coarse = prt_alloc(6ull * light * light, sizeof *v.coarse);
     v.share = prt_alloc(12ull * light * light, sizeof *v.share);
     if (!v.axis || !v.toward || !v.fresnel || !v.coarse || !v.share) status = PRT_NOMEM;

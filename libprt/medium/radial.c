@@ -59,6 +59,7 @@ static int radial_init(const struct prt_context *ctx, const struct prt_radial_op
     pub->eta = o->family == PRT_FAMILY_DIPOLE ? o->eta : 1;
     pub->n_eta_more = o->family == PRT_FAMILY_DIPOLE ? o->n_eta_more : 0;
     memcpy(pub->eta_more, o->eta_more, pub->n_eta_more * sizeof *o->eta_more);
+    pub->eta_between = pub->n_eta_more && o->eta_between;
     radial->degree = o->kind == PRT_RADIAL_HAT || !o->degree ? 1 : o->degree;
     radial->cpu = ctx ? ctx->cpu : prt_cpu_detect();
     memcpy(pub->range, whole_range[o->family], sizeof pub->range);

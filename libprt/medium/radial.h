@@ -55,6 +55,15 @@ static inline double radial_eta(const struct prt_radial *radial, uint32_t i)
 {
     return i ? radial->eta_more[i - 1] : radial->eta;
 }
+/* The least and the greatest index that the family covers. */
+static inline void radial_eta_range(const struct prt_radial *radial, double range[2])
+{
+    range[0] = range[1] = radial->eta;
+    for (uint32_t i = 0; i < radial->n_eta_more; i++) {
+        if (radial->eta_more[i] < range[0]) range[0] = radial->eta_more[i];
+        if (radial->eta_more[i] > range[1]) range[1] = radial->eta_more[i];
+    }
+}
 
 int prt_radial_grid_init(struct radial *radial, double r_lo, double radius);
 bool prt_radial_is_plain(const struct radial *radial);

@@ -301,15 +301,24 @@ static double fit_own_profile(const struct radial *radial, const struct prt_mate
     return prt_radial_project(radial, 3, f, inside, coef);
 }
 
+// The family's index that a medium of index `eta` has; 0: none.
+static double covered_eta(const struct prt_radial *radial, double eta)
+{
+    double range[2];
+    radial_eta_range(radial, range);
+    if (radial->eta_between && eta >= range[0] - 1e-4 && eta <= range[1] + 1e-4) return eta;
+    for (uint32_t i = 0; i < radial_n_eta(radial); i++)
+        if (fabs(radial_eta(radial, i) - eta) < 1e-4) return radial_eta(radial, i);
+    return 0;
+}
+
 int prt_radial_fit_material(const struct prt_radial *radial,
                             const struct prt_material *material, float *coef, double *error)
 {
     const struct radial *self = (const struct radial *)radial;
     struct radial_member member[3];
     const bool dipole = radial->family == PRT_FAMILY_DIPOLE;
-    double eta = 0; // of the family, that the material has
-    for (uint32_t i = 0; i < radial_n_eta(radial) && !(eta > 0); i++)
-        if (fabs(radial_eta(radial, i) - material->eta) < 1e-4) eta = radial_eta(radial, i);
+    const double eta = covered_eta(radial, (double)material->eta);
     if (dipole && !(eta > 0)) return PRT_MISMATCH;
     for (int c = 0; c < 3; c++) {
         double s = material->sigma_s_prime[c], a = material->sigma_a[c], g = material->g[c];
@@ -367,10 +376,18 @@ static double log_between(double lo, double hi, double t)
     return lo * pow(hi / lo, t);
 }
 
+// The k-th index that the error is measured at.
+static double measured_eta(const struct prt_radial *pub, int k)
+{
+    double range[2];
+    if (!pub->eta_between) return radial_eta(pub, (uint32_t)k % radial_n_eta(pub));
+    radial_eta_range(pub, range);
+    return range[0] + (range[1] - range[0]) * fmod(k * 0.618033988749895, 1);
+}
+
 int prt_radial_measure(struct radial *radial)
 {
     enum { N_TRIPLE = 96 };
-    const uint32_t n_eta = radial_n_eta(&radial->pub);
     const double *s = radial->pub.range[0], *a = radial->pub.range[1];
     const double a_lo = a[0] > 0 ? a[0] : fmin(1e-5, a[1]);
     struct prt_rng rng;
@@ -387,8 +404,7 @@ int prt_radial_measure(struct radial *radial)
             double sigma_a = k >= 4 && v < 0.1 ? a[0]
                              : a_lo > 0        ? log_between(a_lo, a[1], v)
                                                : 0;
-            prt_radial_member_init(&m[0], radial->pub.family,
-                                   radial_eta(&radial->pub, (uint32_t)k % n_eta),
+            prt_radial_member_init(&m[0], radial->pub.family, measured_eta(&radial->pub, k),
                                    log_between(s[0], s[1], u), k < 4 ? a[v > 0] : sigma_a);
             m[1] = m[2] = m[0];
             e[c] = fit_members(radial, m, coef);

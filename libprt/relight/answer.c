@@ -78,6 +78,17 @@ static bool has_inside(const struct prt_mesh *mesh, uint32_t object)
     return false;
 }
 
+static int check_eta(const struct prt_context *ctx, const struct prt_material *m,
+                     const float range[2])
+{
+    if (m->eta >= range[0] - 1e-4f && m->eta <= range[1] + 1e-4f) return PRT_OK;
+    return prt_fail(ctx, PRT_MISMATCH,
+                    "%s: eta is %g, this bake covers %g to %g (relative refractive index, no "
+                    "unit): bake again without --any-eta for another",
+                    m->name[0] ? m->name : "material", (double)m->eta, (double)range[0],
+                    (double)range[1]);
+}
+
 int prt_free_media_check(const struct prt_context *ctx, const struct prt_transport *t,
                          const struct prt_media *media)
 {
@@ -88,10 +99,17 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
                         "a wavelet transport's material is fixed when it is baked: omit the "
                         "material, or bake a joint or polynomial transport");
     int status = prt_media_check(ctx, media, t->mesh.n_object);
+    float range[2];
+    const bool any_eta = prt_transport_any_eta(t, range);
     for (uint32_t i = 0; i < t->mesh.n_object && !status; i++) {
         const struct prt_material *m = prt_media_of(media, i),
                                   *baked = prt_media_of(&t->media, i);
-        if (fabsf(m->eta - baked->eta) <= 1e-6f || !has_inside(&t->mesh, i)) continue;
+        if (!has_inside(&t->mesh, i)) continue;
+        if (any_eta) {
+            status = check_eta(ctx, m, range);
+            continue;
+        }
+        if (fabsf(m->eta - baked->eta) <= 1e-6f) continue;
         const char *name = t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "";
         status =
             prt_fail(ctx, PRT_MISMATCH,

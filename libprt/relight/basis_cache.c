@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "prt/eta_nodes.h"
 #include "prt/radial.h"
 #include "prt/walk_grid.h"
 
@@ -37,6 +38,15 @@ static struct fitted fitted[N_FIT];
 static uint64_t clock_now;
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
+// The indices of a basis for any index: those that its family was made of.
+static void options_any_eta(const struct prt_tensor *tensor, struct prt_radial_options *o)
+{
+    o->eta = (double)tensor->eta[0];
+    o->eta_more[0] = (double)tensor->eta[1];
+    o->n_eta_more = 1;
+    o->eta_between = true;
+}
+
 static struct prt_radial_options options_of(const struct prt_transport *transport,
                                             const struct prt_tensor *tensor)
 {
@@ -49,13 +59,15 @@ static struct prt_radial_options options_of(const struct prt_transport *transpor
                                    .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
     o.n_eta_more = n - 1 < PRT_RADIAL_MORE_ETA ? n - 1 : PRT_RADIAL_MORE_ETA;
     memcpy(o.eta_more, eta + 1, o.n_eta_more * sizeof *eta);
+    if (tensor->n_eta) options_any_eta(tensor, &o);
     return o;
 }
 
 static uint64_t key_of(const struct prt_radial_options *o, const struct prt_tensor *t)
 {
     uint64_t key = prt_hash64(t->knot, 4ull * t->n_knot, (uint64_t)o->kind);
-    key = prt_hash64(t->basis, 4ull * prt_tensor_basis_width(t) * t->n_radial, key);
+    key = prt_hash64(t->basis, 4ull * prt_tensor_basis_width(t) * prt_tensor_basis_size(t), key);
+    if (t->n_eta) key = prt_hash64(t->eta, 4ull * t->n_eta, key);
     key = prt_hash64(&o->eta, sizeof o->eta, key + (uint64_t)o->family);
     return o->n_eta_more ? prt_hash64(o->eta_more, o->n_eta_more * sizeof o->eta, key) : key;
 }
@@ -89,8 +101,8 @@ int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport 
     if (tensor->basis_kind == PRT_RADIAL_WALK)
         return prt_fail(ctx, PRT_ARG, "the tensor holds walks: it has no radial basis");
     struct prt_radial_options options = options_of(transport, tensor);
-    return prt_radial_from_table(ctx, &options, tensor->n_radial, tensor->n_knot, tensor->knot,
-                                 tensor->basis, out);
+    return prt_radial_from_table(ctx, &options, prt_tensor_basis_size(tensor), tensor->n_knot,
+                                 tensor->knot, tensor->basis, out);
 }
 
 // *slot is the cache entry of *radial; NULL: the caller owns *radial and destroys it.
@@ -107,8 +119,8 @@ static int acquire(const struct prt_context *ctx, const struct prt_transport *tr
         *radial = (*slot)->radial;
         return PRT_OK;
     }
-    int status = prt_radial_from_table(ctx, &options, tensor->n_radial, tensor->n_knot,
-                                       tensor->knot, tensor->basis, radial);
+    int status = prt_radial_from_table(ctx, &options, prt_tensor_basis_size(tensor),
+                                       tensor->n_knot, tensor->knot, tensor->basis, radial);
     if (status) return status;
     struct prt_radial *old = NULL;
     pthread_mutex_lock(&lock);
@@ -270,6 +282,25 @@ struct fitting {
     struct prt_radial *radial;
 };
 
+// Coefficients of a basis [size][3] become those of its functions at every node of eta,
+// [node][size][3].
+static int spread_over_eta(const struct prt_tensor *t, double eta, float *coef, double *error)
+{
+    struct prt_eta_nodes nodes;
+    double weight[PRT_ETA_MOST_NODES], misplaced;
+    const enum prt_radial_family family =
+        t->term == PRT_TERM_MULTIPLE ? PRT_FAMILY_DIPOLE : PRT_FAMILY_EXTINCTION;
+    const size_t n = 3 * (size_t)prt_tensor_basis_size(t);
+    if (!t->n_eta) return PRT_OK;
+    int status = prt_eta_nodes_from_axis(t->n_eta, t->eta, &nodes);
+    if (!status) status = prt_eta_weights(family, &nodes, eta, weight, &misplaced);
+    if (status) return status;
+    for (uint32_t b = nodes.n; b-- > 0;) // the first node's lie where those of all come from
+        for (size_t i = 0; i < n; i++) coef[b * n + i] = (float)(weight[b] * (double)coef[i]);
+    *error += misplaced;
+    return PRT_OK;
+}
+
 static int fit_one(struct fitting *f, const struct prt_material *m, float *coef, double *error)
 {
     const uint64_t material = prt_material_hash(m);
@@ -283,6 +314,7 @@ static int fit_one(struct fitting *f, const struct prt_material *m, float *coef,
              : f->tensor->term == PRT_TERM_UNSCATTERED
                  ? fit_path(f->radial, m, coef, error)
                  : prt_radial_fit_material(f->radial, m, coef, error);
+    if (!status) status = spread_over_eta(f->tensor, (double)m->eta, coef, error);
     if (status)
         return prt_fail(f->ctx, status,
                         "the material cannot be fitted to the transport's radial basis");

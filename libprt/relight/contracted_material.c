@@ -57,8 +57,8 @@ static int contract_tensor(const struct prt_context *ctx, const struct prt_trans
                     rows->n_row * (8 + 12ull * rows->n_function);
     t->coupling = PRT_COUPLE_DIAGONAL;
     t->n_function = rows->n_function;
-    t->n_radial = t->n_knot = 0;
-    t->knot = t->basis = NULL;
+    t->n_radial = t->n_knot = t->n_eta = 0;
+    t->knot = t->basis = t->eta = NULL;
     t->rows = *rows;
     return PRT_OK;
 }

@@ -38,6 +38,12 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
         return usage_error(o, "--basis is for --transport polynomial");
     if (o->draft && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--draft is for --transport wavelet and joint");
+    if (o->any_eta && engine != PRT_TRANSPORT_JOINT)
+        return usage_error(o, "--any-eta is for --transport joint");
+    if (o->any_eta && o->exit_planes)
+        return usage_error(o, "--any-eta and --exit-planes exclude each other");
+    if (o->any_eta && o->scattering && !strcmp(o->scattering, "walk"))
+        return usage_error(o, "--any-eta is for --scattering dipole");
     if (sparse && (o->rank || o->basis_coeffs))
         return usage_error(o, "--rank and --basis-coeffs are for --storage factored");
     if (!sparse && o->coeffs) return usage_error(o, "--coeffs is for --storage sparse");
@@ -66,6 +72,7 @@ static struct prt_bake_options bake_options(const struct options *o,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
         .exit_planes = o->exit_planes,
+        .any_eta = o->any_eta,
         .draft = o->draft,
         .scattering = o->scattering && !strcmp(o->scattering, "walk") ? PRT_SCATTERING_WALK
                                                                       : PRT_SCATTERING_DIPOLE,

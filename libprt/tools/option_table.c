@@ -168,6 +168,8 @@ const struct option_row option_table[] = {
      "single scattering: paths a vertex (default 4096)"},
     {"no-single", 0, NULL, OPTION_FLAG, AT(no_single), 0, 0, NULL, BAKE,
      "leave single scattering out"},
+    {"any-eta", 0, NULL, OPTION_FLAG, AT(any_eta), 0, 0, NULL, BAKE,
+     "joint: media of every refractive index from 1.2 to 1.6, not of the bake's own alone"},
     {"exit-planes", 0, NULL, OPTION_FLAG, AT(exit_planes), 0, 0, NULL, BAKE,
      "add planes that correct single scattering towards an eye (a cow: error 16 -> 6 %, a third "
      "more time, 4 MB); a viewer's frames grow to three times their size"},

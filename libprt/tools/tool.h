@@ -65,7 +65,7 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, profile, draft, no_single, exit_planes, every_ray, straight, full_float,
+    bool json, quiet, profile, draft, no_single, exit_planes, any_eta, every_ray, straight, full_float,
         measure_error, no_textures, floor;
 };
 

@@ -3,6 +3,7 @@
 // index.
 #include "format.h"
 
+#include "prt/eta_nodes.h"
 #include "prt/radial.h"
 #include "prt/walk_grid.h"
 
@@ -322,15 +323,45 @@ uint32_t prt_tensor_basis_width(const struct prt_tensor *t)
     return prt_walk_grid_from_axes(t->n_knot, t->knot, &grid) ? 0 : grid.n_level * grid.n_node;
 }
 
+bool prt_transport_any_eta(const struct prt_transport *transport, float range[2])
+{
+    float low = 1, high = 3;
+    bool any = false;
+    for (uint32_t i = 0; i < transport->n_tensor; i++) {
+        const struct prt_tensor *t = &transport->tensor[i];
+        if (!t->n_knot) continue; // no material multiplies it
+        if (!t->n_eta) return false;
+        low = fmaxf(low, t->eta[0]), high = fminf(high, t->eta[1]);
+        any = true;
+    }
+    if (any) range[0] = low, range[1] = high;
+    return any;
+}
+
+static int check_eta(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    struct prt_eta_nodes nodes;
+    if (!t->n_eta) return PRT_OK;
+    if (!t->eta || !t->n_knot || t->basis_kind == PRT_RADIAL_WALK ||
+        t->term == PRT_TERM_VIEW || t->storage != PRT_STORAGE_FACTORED ||
+        prt_eta_nodes_from_axis(t->n_eta, t->eta, &nodes))
+        return bad(c, "tensor %u: the nodes of eta are damaged", i);
+    if (t->n_radial % nodes.n)
+        return bad(c, "tensor %u: %u functions for %u nodes of eta", i, t->n_radial, nodes.n);
+    return PRT_OK;
+}
+
 static int check_basis(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
+    const int status = check_eta(c, i, t);
+    if (status) return status;
     if (!t->n_knot) return PRT_OK;
     if (!t->knot || !t->basis || t->n_knot < 2 || t->n_knot > 1u << 24 || !t->n_radial)
         return bad(c, "tensor %u: the radial basis is damaged", i);
     const uint64_t width = prt_tensor_basis_width(t);
     if (!width || t->basis_kind > PRT_RADIAL_WALK)
         return bad(c, "tensor %u: a basis of an unknown kind, or without a grid", i);
-    if (!finite_f32(t->knot, t->n_knot) || !finite_f32(t->basis, width * t->n_radial))
+    if (!finite_f32(t->knot, t->n_knot) || !finite_f32(t->basis, width * prt_tensor_basis_size(t)))
         return bad(c, "tensor %u: the radial basis is not finite", i);
     if (t->basis_kind == PRT_RADIAL_WALK)
         return t->term == PRT_TERM_MULTIPLE

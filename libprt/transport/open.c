@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Opens a .prt: maps the file and fills a transport with pointers into the map.
 #include "format.h"
+#include "prt/eta_nodes.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -283,6 +284,21 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
     return PRT_OK;
 }
 
+// The nodes of a tensor for any index; prt_transport_check holds them to their range.
+static int take_eta(struct prt_file *f, uint32_t i, struct prt_tensor *t)
+{
+    uint64_t bytes = 0;
+    for (uint32_t k = 0; k < f->n_section; k++)
+        if (f->section[k].type == SECTION_ETA && f->section[k].tensor == i)
+            bytes = f->section[k].bytes;
+    if (bytes % sizeof *t->eta || bytes / sizeof *t->eta > 2 + PRT_ETA_MOST_NODES)
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: tensor %u: its nodes of eta are damaged",
+                        f->name, i);
+    t->n_eta = (uint32_t)(bytes / sizeof *t->eta);
+    TAKE(f, SECTION_ETA, i, bytes, t->eta);
+    return PRT_OK;
+}
+
 static int take_tensor(struct prt_file *f, uint32_t i)
 {
     struct prt_tensor *t = &f->transport.tensor[i];
@@ -307,8 +323,10 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     TAKE(f, SECTION_CLUSTER, i, (uint64_t)sizeof *t->cluster * ft->n_cluster, t->cluster);
     TAKE(f, SECTION_U, i, 2 * ft->u_count, t->u);
     TAKE(f, SECTION_KNOT, i, 4ull * ft->n_knot, t->knot);
+    const int status = take_eta(f, i, t);
+    if (status) return status;
     const uint64_t width = ft->n_knot ? prt_tensor_basis_width(t) : 0;
-    TAKE(f, SECTION_BASIS, i, 4 * width * ft->n_radial, t->basis);
+    TAKE(f, SECTION_BASIS, i, 4 * width * prt_tensor_basis_size(t), t->basis);
     return take_rows(f, i, ft, &t->rows);
 }
 

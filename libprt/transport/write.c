@@ -111,7 +111,9 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
     }
     put(l, SECTION_KNOT, i, t->knot, 4ull * t->n_knot);
     if (t->n_knot)
-        put(l, SECTION_BASIS, i, t->basis, 4ull * prt_tensor_basis_width(t) * t->n_radial);
+        put(l, SECTION_BASIS, i, t->basis,
+            4ull * prt_tensor_basis_width(t) * prt_tensor_basis_size(t));
+    put(l, SECTION_ETA, i, t->eta, 4ull * t->n_eta);
 }
 
 static struct format_material core_of(const struct prt_material *m)

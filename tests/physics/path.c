@@ -78,7 +78,8 @@ static void bench_init(struct bench *b, unsigned cpu, unsigned n_phase,
 
     memset(b, 0, sizeof *b);
     b->plan = (struct single_plan){.cpu = cpu,
-                                   .eta = 1.3f,
+                                   .n_eta = 1,
+                                   .eta = {1.3f},
                                    .n_phase = n_phase,
                                    .extinction = extinction,
                                    .n_direction = N,
@@ -95,6 +96,7 @@ static void bench_init(struct bench *b, unsigned cpu, unsigned n_phase,
     prt_single_plan_nodes(&b->plan, end, b->depth);
     b->memory = calloc(N * (1 + 5 * SINGLE_MAX_NODES), sizeof *b->memory);
     assert_non_null(b->memory);
+    b->s.node = b->s.of_eta[0];
     b->s.cosine = take(b, N);
     for (int t = 0; t < N; t++) b->s.cosine[t] = 0.1f + 0.9f * (float)t / N;
     for (uint32_t a = 0; a < b->plan.n_node; a++) {

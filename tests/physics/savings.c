@@ -284,6 +284,7 @@ static void short_steps_of_long_paths(void **state)
     prt_fresnel_table_init(&fresnel, 1.3);
     float path_mm[NODES], open[NODES], up[3] = {0, 0, 1}, cosine = 1, lit = 0.96f;
     struct scratch s = {.cosine = &cosine};
+    s.node = s.of_eta[0];
     for (int a = 0; a < NODES; a++) {
         path_mm[a] = a < DARK ? length - depth[a] : 1e4f;
         open[a] = a < DARK ? lit : 0;

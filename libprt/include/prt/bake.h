@@ -48,6 +48,8 @@ struct prt_bake_options {
     enum prt_storage storage; /* FACTORED default, or SPARSE (wavelet engine only) */
     struct prt_media media;   /* of the objects; joint, polynomial: gives their eta, of
                                * which at most 8 may differ */
+    bool any_eta;             /* joint: media of every eta from 1.2 to 1.6 are served, at two
+                               * times the memory of pass 1; the dipole without exit_planes */
     uint32_t n_sample;        /* irradiance samples; 0: one a squared mean free path,
                                * [150000, 600000] */
     uint32_t cube;            /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */

@@ -33,6 +33,7 @@ struct prt_radial {
     /* Dipole family: the indices that it covers; eta_more[n_eta_more] beside eta. */
     double eta, eta_more[PRT_RADIAL_MORE_ETA];
     uint32_t n_eta_more;
+    bool eta_between;   /* it covers every index between the least and the greatest of them */
     double range[2][2]; /* covered [sigma_s'|sigma_t, sigma_a][lo,hi] mm^-1 */
     float *r;           /* [n_grid] mm, ascending, r[0] = 0 */
     float *value;       /* [n_function][n_grid] */
@@ -47,6 +48,7 @@ struct prt_radial_options {
     double eta;                           /* dipole only */
     double eta_more[PRT_RADIAL_MORE_ETA]; /* further indices that one basis serves */
     uint32_t n_eta_more;
+    bool eta_between;          /* and every index between the least and the greatest */
     double sigma_lo, sigma_hi; /* sigma_s' (or sigma_t) range; 0: METHODS' whole range */
     double sigma_a_lo, sigma_a_hi;
     double radius_mm;    /* largest distance needed (object diameter); 0: 60 */

@@ -124,8 +124,23 @@ struct prt_tensor {
     uint32_t basis_kind; /* enum of prt/radial.h */
     const float *knot;   /* [n_knot] mm; WALK: [n_level + n_node] mm^-1 */
     const float *basis;  /* [n_radial][n_knot]; WALK: [n_radial][n_level * n_node] */
+    /* Any index (METHODS §5): the functions are those of the basis at each node of eta, node by
+     * node, so that the basis has n_radial / nodes of them. Low, high and the nodes of
+     * prt/eta_nodes.h; 0, NULL: each object has the index of its baked medium. */
+    uint32_t n_eta; /* 2 + nodes */
+    const float *eta;
 };
-/* Numbers of basis for each radial function; 0: the axes are not those of a grid. */
+/* Nodes of eta that the functions are for; 1: the index is fixed. */
+static inline uint32_t prt_tensor_eta_nodes(const struct prt_tensor *tensor)
+{
+    return tensor->n_eta > 2 ? tensor->n_eta - 2 : 1;
+}
+/* Functions of the radial basis. */
+static inline uint32_t prt_tensor_basis_size(const struct prt_tensor *tensor)
+{
+    return tensor->n_radial / prt_tensor_eta_nodes(tensor);
+}
+/* Numbers of basis for each function of the basis; 0: the axes are not those of a grid. */
 uint32_t prt_tensor_basis_width(const struct prt_tensor *tensor);
 
 /* U lies in [-1/64, 1/64]; the rows of the basis, which take the rest of the scale, then lie
@@ -195,6 +210,10 @@ uint16_t prt_f32_to_f16(float x);
 float prt_f16_to_f32(uint16_t h);
 void prt_f32_to_f16_array(const float *x, size_t n, uint16_t *out);
 void prt_f16_to_f32_array(const uint16_t *h, size_t n, float *out);
+
+/* Whether media of any index in a range are served; else those of the baked media's own.
+ * range: the least and the greatest, written if so. */
+bool prt_transport_any_eta(const struct prt_transport *transport, float range[2]);
 
 /* Bytes of a tensor's U, and of its rows with indices, offsets, scales and scaling
  * coefficients. */
