@@ -81,11 +81,13 @@ static int check_any_eta(const struct prt_context *ctx, const struct prt_bake_op
     if (o->engine != PRT_TRANSPORT_JOINT)
         return prt_fail(ctx, PRT_ARG, "--any-eta goes with --transport joint only");
     if (o->scattering == PRT_SCATTERING_WALK)
-        return prt_fail(ctx, PRT_ARG, "--any-eta goes with --scattering dipole only: walks are "
-                                      "refracted and reflected by one eta");
+        return prt_fail(ctx, PRT_ARG,
+                        "--any-eta goes with --scattering dipole only: walks are "
+                        "refracted and reflected by one eta");
     if (o->exit_planes)
-        return prt_fail(ctx, PRT_ARG, "--any-eta and --exit-planes exclude each other: the "
-                                      "directions of exit are refracted by one eta");
+        return prt_fail(ctx, PRT_ARG,
+                        "--any-eta and --exit-planes exclude each other: the "
+                        "directions of exit are refracted by one eta");
     for (uint32_t i = 0; i < o->media.n; i++)
         if (!(o->media.medium[i].eta >= nodes.low && o->media.medium[i].eta <= nodes.high))
             return prt_fail(ctx, PRT_ARG, "%s: eta is %g, --any-eta covers %g to %g",
@@ -210,9 +212,8 @@ struct fresnel_table *prt_bake_node_fresnel(const struct prt_eta_nodes *nodes)
 struct fresnel_table *prt_bake_single_fresnel(const struct bake *b)
 {
     struct prt_eta_nodes nodes;
-    return prt_bake_eta_nodes(b, PRT_FAMILY_EXTINCTION, &nodes)
-               ? prt_bake_node_fresnel(&nodes)
-               : prt_bake_fresnel(&b->o.media);
+    return prt_bake_eta_nodes(b, PRT_FAMILY_EXTINCTION, &nodes) ? prt_bake_node_fresnel(&nodes)
+                                                                : prt_bake_fresnel(&b->o.media);
 }
 
 bool prt_bake_eta_nodes(const struct bake *b, enum prt_radial_family family,

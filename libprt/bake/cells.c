@@ -140,9 +140,9 @@ int prt_bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
         const uint32_t medium = prt_bake_medium(b, (uint32_t)c);
         if (!b->clusters->translucent[c]) continue;
         if (b->o.engine == PRT_TRANSPORT_WAVELET && b->o.media.medium[medium].profile) continue;
-        status = bake_cluster(job, (uint32_t)c,
-                              prt_plan_fresnel(fresnel, &b->single[medium], medium), value,
-                              scratch);
+        status =
+            bake_cluster(job, (uint32_t)c,
+                         prt_plan_fresnel(fresnel, &b->single[medium], medium), value, scratch);
     }
     prt_free(fresnel);
     prt_free(scratch);

@@ -289,8 +289,8 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t i = begin; i < end; i++) {
         uint32_t s = p->from.hierarchy->order[i];
         bool found = !known && horizon_of(p, s, &view);
-        cast += sample_row(p, s, found ? &view : NULL, known, open + (i - begin) * n_packet,
-                           row);
+        cast +=
+            sample_row(p, s, found ? &view : NULL, known, open + (i - begin) * n_packet, row);
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
     if (!known) {
@@ -361,9 +361,9 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
     struct pass_one p = {.from = *from, .rows = out};
     const struct hierarchy *h = from->hierarchy;
     uint32_t n_sample = from->surface->n_sample;
-    int status = prt_half_rows_create(ctx, (size_t)n_sample + h->n_node,
-                                      from->directions->n_coef,
-                                      from->nodes ? from->nodes->n : 1, from->room, out);
+    int status =
+        prt_half_rows_create(ctx, (size_t)n_sample + h->n_node, from->directions->n_coef,
+                             from->nodes ? from->nodes->n : 1, from->room, out);
     if (status) return status;
     const size_t n_coef = out->n_coef;
     p.fresnel =

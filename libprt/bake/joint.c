@@ -50,10 +50,13 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         const struct cut_source from = prt_bake_cut_source(b);
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
-        struct product_rows rows = {
-            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex,
-            b->walk ? radial.n : job->n_function, job->lit,
-            job->work,      NULL};
+        struct product_rows rows = {&b->irradiance,
+                                    &cut,
+                                    b->clusters->cluster[c].n_vertex,
+                                    b->walk ? radial.n : job->n_function,
+                                    job->lit,
+                                    job->work,
+                                    NULL};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
         if (status == PRT_OK)

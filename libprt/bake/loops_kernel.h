@@ -205,9 +205,7 @@ PRT_INLINE void PRT_KERNEL(radial_sums)(const struct path_job *job, const struct
         for (uint32_t k = 0; k < K; k++)
             for (uint32_t j = 0; j < J; j++) {
                 const float *light = rgb ? rgb + (size_t)(first + t) * 3 : NULL;
-                if (!rgb)
-                    out[((size_t)k * all + job->first + j) * n + first + t] =
-                        sum[k][j];
+                if (!rgb) out[((size_t)k * all + job->first + j) * n + first + t] = sum[k][j];
                 for (int c = 0; rgb && any && c < 3; c++)
                     out[(k * J + j) * 3 + (uint32_t)c] += sum[k][j] * light[c];
             }

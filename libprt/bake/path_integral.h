@@ -93,7 +93,7 @@ struct path_job {
     uint32_t n;
     const float *rgb;
     float *out;
-    const float *toward; /* [3] plan->toward: the outward direction of the path */
+    const float *toward;      /* [3] plan->toward: the outward direction of the path */
     uint32_t n_radial, first; /* with plan->extinction: functions of out in a plane, 0: its own;
                                  the first of those that are integrated */
 };

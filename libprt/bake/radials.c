@@ -193,8 +193,7 @@ static int spread(const struct prt_eta_nodes *nodes, enum prt_radial_family fami
     double weight[PRT_ETA_MOST_NODES];
     int status = prt_eta_weights(family, nodes, eta, weight, NULL);
     for (uint32_t b = nodes->n; b-- > 0 && !status;)
-        for (uint32_t j = 0; j < n; j++)
-            row[b * n + j] = (float)(weight[b] * (double)row[j]);
+        for (uint32_t j = 0; j < n; j++) row[b * n + j] = (float)(weight[b] * (double)row[j]);
     return status;
 }
 
@@ -211,8 +210,7 @@ static int train_own(const struct bake *b, const struct bases *s, double eta,
         for (uint32_t c = 0; c < 3 && !status; c++, row += F) {
             for (uint32_t j = 0; j < J; j++)
                 row[j] = coef[3 * j + c] / (float)b->dipole[i][c].rho_d;
-            if (nodes->n > 1)
-                status = spread(nodes, PRT_FAMILY_DIPOLE, (double)m->eta, J, row);
+            if (nodes->n > 1) status = spread(nodes, PRT_FAMILY_DIPOLE, (double)m->eta, J, row);
         }
     }
     return status;

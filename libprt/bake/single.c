@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Floats of one direction: the exits of the nodes at each index, the values that compare them (value and
-// uncertain 1/4 each, coarse and fine 1/16 each), and cosine, cell, first and split.
+// Floats of one direction: the exits of the nodes at each index, the values that compare them
+// (value and uncertain 1/4 each, coarse and fine 1/16 each), and cosine, cell, first and split.
 size_t prt_single_scratch_bytes(const struct single_plan *plan)
 {
     const size_t arrays = SINGLE_MAX_NODES * (5 * (size_t)plan->n_eta + 1) + 4;

@@ -200,8 +200,7 @@ static void copy_tile(const struct queue *q, uint32_t t, uint32_t wide, uint32_t
         const struct exits *e = q->s->of_eta[i / 16];
         e[to].path_mm[at] = e[from].path_mm[at];
         e[to].transmittance[at] = e[from].transmittance[at];
-        for (int k = 0; q->keep_directions && k < 3; k++)
-            e[to].dir[k][at] = e[from].dir[k][at];
+        for (int k = 0; q->keep_directions && k < 3; k++) e[to].dir[k][at] = e[from].dir[k][at];
     }
 }
 

@@ -11,8 +11,8 @@ struct product_rows {
     const struct half_rows *rows;
     const struct cut *cut;
     uint32_t n_vertex, n_function; /* functions: the cut's for each layer of rows */
-    const struct lit_rows *lit; /* products with these lights need no others; or NULL */
-    struct work_meters *work;   /* or NULL */
+    const struct lit_rows *lit;    /* products with these lights need no others; or NULL */
+    struct work_meters *work;      /* or NULL */
     const float *smooth; /* [n_function][n_vertex][n_vertex] M_f in T_f = M_f K_f E; NULL: 1 */
 };
 /* All rows times the lights of a tensor: the clusters' cuts share most rows. */

@@ -126,13 +126,13 @@ struct irradiance_source {
     const struct prt_surface_points *surface;
     const struct hierarchy *hierarchy;
     const struct directions *directions;
-    struct checkpoint *checkpoint; /* or NULL */
-    struct ray_store *store;       /* of this pass, or NULL */
-    struct work_meters *work;      /* or NULL */
-    const struct prt_media *media; /* whose eta each object has */
+    struct checkpoint *checkpoint;     /* or NULL */
+    struct ray_store *store;           /* of this pass, or NULL */
+    struct work_meters *work;          /* or NULL */
+    const struct prt_media *media;     /* whose eta each object has */
     const struct prt_eta_nodes *nodes; /* or NULL: rows have a layer for each node of eta,
                                           whatever the object */
-    size_t room;                   /* bytes of memory for the rows (prt_half_rows_create) */
+    size_t room;                       /* bytes of memory for the rows (prt_half_rows_create) */
 };
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
  * the number of rays that they take, those of the store among them. Pieces that the checkpoint
@@ -403,9 +403,9 @@ void prt_single_plan_depths(struct single_plan *plan);
 void prt_single_plan_finish(struct single_plan *plan);
 /* Depths [mm] of the nodes along a path through `thickness` mm of the body, geometric. */
 void prt_single_plan_nodes(const struct single_plan *plan, float thickness, float *depth);
-/* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase][n_eta*n_radial][n_coef] with a radial
- * basis), means over texels, solid angle not applied. Returns the number of rays cast. scratch:
- * prt_single_scratch_bytes, 64-byte aligned, one for each thread. */
+/* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase][n_eta*n_radial][n_coef] with a
+ * radial basis), means over texels, solid angle not applied. Returns the number of rays cast.
+ * scratch: prt_single_scratch_bytes, 64-byte aligned, one for each thread. */
 uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
                          uint32_t vertex, float *out, void *scratch);
 /* The same as cells of texels that share their rays: value (room for [planes][n_coef]) gets

@@ -193,8 +193,8 @@ static void base_weights(const struct view_bake *v, const float n[3],
     for (unsigned k = 0; k < n_phase; k++) {
         float plane[MOST_BASE][3] = {{0}};
         plane[k][0] = k ? 1 : y[0];
-        (void)prt_view_correct(&alone, 1, 0, 1, (const float(*)[3])n, (double)p->eta[0], n_phase,
-                               n_plane, plane[0]);
+        (void)prt_view_correct(&alone, 1, 0, 1, (const float(*)[3])n, (double)p->eta[0],
+                               n_phase, n_plane, plane[0]);
         out[k] = plane[0][0];
         for (unsigned i = 1; i < n_plane; i++) out[k] += y[i] * plane[i][0];
     }
@@ -292,9 +292,7 @@ static int trace(struct bake *b, const struct extinction_table *extinction, cons
                  prt_loop_fn range, bool whole_phase, struct support *s)
 {
     struct view_bake v = {
-        .b = b,
-        .s = s,
-        .n_base = extinction ? b->single[0].n_eta * extinction->n_function : 3};
+        .b = b, .s = s, .n_base = extinction ? b->single[0].n_eta * extinction->n_function : 3};
     const uint32_t light = SUPPORT_LIGHT;
     int status = prt_directions_create(b->ctx->cpu, light, prt_bake_patterns(&b->o), b->o.seed,
                                        &v.directions);

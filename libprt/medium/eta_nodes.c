@@ -87,7 +87,8 @@ static struct normal equations(const struct family *f, uint32_t n_node,
             const uint32_t at = k * ANGLES + i;
             const double w = weight_of((int)i) / energy;
             for (uint32_t p = 0; p < n_node; p++) {
-                for (uint32_t q = 0; q < n_node; q++) e.a[p * n + q] += w * node[p][at] * node[q][at];
+                for (uint32_t q = 0; q < n_node; q++)
+                    e.a[p * n + q] += w * node[p][at] * node[q][at];
                 e.b[p] += w * node[p][at] * want[at];
                 if (n == n_node) continue;
                 e.a[p * n + n_node] += w * node[p][at];

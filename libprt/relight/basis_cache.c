@@ -66,7 +66,8 @@ static struct prt_radial_options options_of(const struct prt_transport *transpor
 static uint64_t key_of(const struct prt_radial_options *o, const struct prt_tensor *t)
 {
     uint64_t key = prt_hash64(t->knot, 4ull * t->n_knot, (uint64_t)o->kind);
-    key = prt_hash64(t->basis, 4ull * prt_tensor_basis_width(t) * prt_tensor_basis_size(t), key);
+    key =
+        prt_hash64(t->basis, 4ull * prt_tensor_basis_width(t) * prt_tensor_basis_size(t), key);
     if (t->n_eta) key = prt_hash64(t->eta, 4ull * t->n_eta, key);
     key = prt_hash64(&o->eta, sizeof o->eta, key + (uint64_t)o->family);
     return o->n_eta_more ? prt_hash64(o->eta_more, o->n_eta_more * sizeof o->eta, key) : key;

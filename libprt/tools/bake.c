@@ -388,7 +388,7 @@ int run_bake(struct tool *tool)
     if ((exit_status =
              source_open(tool, o->input[0], fixed ? NULL : prt_material_preset(0), &source)))
         return exit_status;
-    if (!source.media_given && !fixed) note_etas(tool, &source.media);
+    if (!source.media_given && !fixed && !options.any_eta) note_etas(tool, &source.media);
     if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {
         exit_status = tool_exit(tool, tool_env_load(tool, o->env, &env));
         if (exit_status) goto done;

@@ -50,13 +50,22 @@ static int add_medium(struct table *t, const struct prt_material *m)
     return EXIT_DONE;
 }
 
-// The measured media of the bake's eta.
+// Whether the bake serves media of this eta.
+static bool serves(const struct table *t, float eta)
+{
+    float range[2];
+    if (prt_transport_any_eta(t->source.transport, range))
+        return eta >= range[0] && eta <= range[1];
+    return fabsf(eta - t->source.media.medium[0].eta) < 1e-6f;
+}
+
+// The measured media whose eta the bake serves.
 static int add_measured(struct table *t)
 {
     const struct prt_material *m;
     int status = EXIT_DONE;
     for (unsigned i = 0; !status && (m = prt_material_preset(i)); i++)
-        if (fabsf(m->eta - t->source.media.medium[0].eta) < 1e-6f) status = add_medium(t, m);
+        if (serves(t, m->eta)) status = add_medium(t, m);
     return status;
 }
 
@@ -111,8 +120,9 @@ static int choose_media(struct table *t)
         return added;
     }
     double eta[PRT_MEDIA_MAX];
+    float range[2];
     if (o->n_material) return usage_error(o, "--material and --materials exclude each other");
-    if (prt_media_etas(&p->media, eta) > 1)
+    if (!prt_transport_any_eta(p, range) && prt_media_etas(&p->media, eta) > 1)
         return usage_error(o,
                            "%s has objects of different eta: --materials is for bakes of one; "
                            "give --material by object",

@@ -2,6 +2,7 @@
 // prt info: prints the contents of a .prt, a model or an environment, as text or JSON.
 #include "tool.h"
 #include "walk_ratio.h"
+#include "prt/eta_nodes.h"
 #include "prt/radial.h"
 #include "prt/walk_grid.h"
 
@@ -202,8 +203,33 @@ static void add_ranks(cJSON *o, const struct prt_tensor *t)
     cJSON_AddItemToObject(r, "histogram_by_8", cJSON_CreateIntArray(bins, last + 1));
 }
 
+static double rounded_eta(float eta)
+{
+    return round((double)eta * 1e4) / 1e4;
+}
+
+// The indices that a tensor for any index serves, its nodes and the worst error of their
+// weights, over eleven indices.
+static void add_eta(cJSON *o, const struct prt_tensor *t, enum prt_radial_family family)
+{
+    struct prt_eta_nodes nodes;
+    double weight[PRT_ETA_MOST_NODES], worst = 0, error;
+    if (prt_eta_nodes_from_axis(t->n_eta, t->eta, &nodes)) return;
+    cJSON *range = cJSON_AddArrayToObject(o, "eta_range"), *all;
+    for (uint32_t i = 0; i < 2; i++)
+        cJSON_AddItemToArray(range, cJSON_CreateNumber(rounded_eta(t->eta[i])));
+    all = cJSON_AddArrayToObject(o, "eta_nodes");
+    for (uint32_t i = 0; i < nodes.n; i++)
+        cJSON_AddItemToArray(all, cJSON_CreateNumber(rounded_eta(nodes.node[i])));
+    for (int i = 0; i <= 10; i++) {
+        const double eta = (double)nodes.low + i / 10.0 * (double)(nodes.high - nodes.low);
+        if (!prt_eta_weights(family, &nodes, eta, weight, &error)) worst = fmax(worst, error);
+    }
+    cJSON_AddNumberToObject(o, "eta_worst_error", worst);
+}
+
 // Error of the tensor's radial basis (METHODS §4's weighted L1) for the twelve measured media
-// at the bake's eta, and for its whole range.
+// at the bake's eta, or at their own where it serves any, and for its whole range.
 static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *transport,
                      const struct prt_tensor *t)
 {
@@ -225,13 +251,14 @@ static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *tr
                           cJSON_CreateDoubleArray(radial->range[0], 2));
     if (dipole)
         cJSON_AddItemToObject(b, "sigma_a_range", cJSON_CreateDoubleArray(radial->range[1], 2));
+    if (t->n_eta) add_eta(b, t, dipole ? PRT_FAMILY_DIPOLE : PRT_FAMILY_EXTINCTION);
     cJSON_AddNumberToObject(b, "range_mean_error", radial->mean_error);
     cJSON_AddNumberToObject(b, "range_worst_error", radial->worst_error);
     cJSON *all = cJSON_AddObjectToObject(b, "preset_error");
     for (unsigned i = 0; !status && (preset = prt_material_preset(i)); i++) {
         struct prt_material m = *preset;
         double error = 0;
-        m.eta = transport->media.medium[0].eta;
+        if (!t->n_eta) m.eta = transport->media.medium[0].eta;
         if (!(status = prt_radial_fit_material(radial, &m, coef, &error)))
             cJSON_AddNumberToObject(all, m.name, error);
         worst = fmax(worst, error);
@@ -296,6 +323,7 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
                             t->coupling == PRT_COUPLE_FULL ? "full" : "diagonal");
     cJSON_AddNumberToObject(o, "functions", t->n_function);
     cJSON_AddNumberToObject(o, "radial_functions", t->n_radial);
+    if (t->n_eta) cJSON_AddNumberToObject(o, "eta_nodes", prt_tensor_eta_nodes(t));
     cJSON_AddNumberToObject(o, "phase_terms", t->n_phase);
     cJSON_AddNumberToObject(o, "clusters", t->n_cluster);
     if (t->n_cluster) cJSON_AddNumberToObject(o, "mean_rank", rank / t->n_vertex);

@@ -65,8 +65,8 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, profile, draft, no_single, exit_planes, any_eta, every_ray, straight, full_float,
-        measure_error, no_textures, floor;
+    bool json, quiet, profile, draft, no_single, exit_planes, any_eta, every_ray, straight,
+        full_float, measure_error, no_textures, floor;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after

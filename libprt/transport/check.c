@@ -342,9 +342,8 @@ static int check_eta(const struct check *c, uint32_t i, const struct prt_tensor 
 {
     struct prt_eta_nodes nodes;
     if (!t->n_eta) return PRT_OK;
-    if (!t->eta || !t->n_knot || t->basis_kind == PRT_RADIAL_WALK ||
-        t->term == PRT_TERM_VIEW || t->storage != PRT_STORAGE_FACTORED ||
-        prt_eta_nodes_from_axis(t->n_eta, t->eta, &nodes))
+    if (!t->eta || !t->n_knot || t->basis_kind == PRT_RADIAL_WALK || t->term == PRT_TERM_VIEW ||
+        t->storage != PRT_STORAGE_FACTORED || prt_eta_nodes_from_axis(t->n_eta, t->eta, &nodes))
         return bad(c, "tensor %u: the nodes of eta are damaged", i);
     if (t->n_radial % nodes.n)
         return bad(c, "tensor %u: %u functions for %u nodes of eta", i, t->n_radial, nodes.n);
@@ -361,7 +360,8 @@ static int check_basis(const struct check *c, uint32_t i, const struct prt_tenso
     const uint64_t width = prt_tensor_basis_width(t);
     if (!width || t->basis_kind > PRT_RADIAL_WALK)
         return bad(c, "tensor %u: a basis of an unknown kind, or without a grid", i);
-    if (!finite_f32(t->knot, t->n_knot) || !finite_f32(t->basis, width * prt_tensor_basis_size(t)))
+    if (!finite_f32(t->knot, t->n_knot) ||
+        !finite_f32(t->basis, width * prt_tensor_basis_size(t)))
         return bad(c, "tensor %u: the radial basis is not finite", i);
     if (t->basis_kind == PRT_RADIAL_WALK)
         return t->term == PRT_TERM_MULTIPLE

@@ -92,6 +92,41 @@ static int write_walks(const struct prt_context *ctx, const char *folder)
     return status;
 }
 
+// A tensor of one function at three nodes of eta.
+static int write_etas(const struct prt_context *ctx, const char *folder)
+{
+    static const float knot[] = {0, 1, 3}, basis[] = {1, 0.5f, 0};
+    static const float eta[] = {1.2f, 1.6f, 1.22f, 1.38f, 1.57f};
+    const struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                        .coupling = PRT_COUPLE_FULL,
+                                        .value = PRT_VALUE_I8,
+                                        .n_vertex = 21,
+                                        .n_cluster = 2,
+                                        .rank = 2,
+                                        .n_phase = 1,
+                                        .n_radial = 3,
+                                        .cube = 4,
+                                        .coefs = 4,
+                                        .seed = 2};
+    const struct prt_material medium = {.eta = 1.3f};
+    struct prt_transport t = {.cube = 4,
+                              .engine = PRT_TRANSPORT_JOINT,
+                              .n_tensor = 1,
+                              .media = prt_media_one(&medium)};
+    char path[4096];
+    if (synthetic_mesh(o.n_vertex, true, &t.mesh) || synthetic_tensor(&o, &t.tensor[0]))
+        return 1;
+    struct prt_transport written = t;
+    struct prt_tensor *any = &written.tensor[0];
+    any->n_knot = 3, any->knot = knot, any->basis = basis;
+    any->n_eta = 5, any->eta = eta;
+    snprintf(path, sizeof path, "%s/any-eta.prt", folder);
+    int status = prt_file_write(ctx, path, &written);
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_mesh_finish(&t.mesh);
+    return status;
+}
+
 int main(int argc, char **argv)
 {
     static const struct synthetic_options kind[] = {
@@ -122,7 +157,7 @@ int main(int argc, char **argv)
     prt_context_init(&ctx);
     if (argc != 2) return 2;
     mkdir(argv[1], 0777);
-    if (write_walks(&ctx, argv[1])) return 1;
+    if (write_walks(&ctx, argv[1]) || write_etas(&ctx, argv[1])) return 1;
     for (size_t i = 0; i < sizeof kind / sizeof *kind; i++) {
         const struct prt_material medium = {.eta = 1.3f};
         struct prt_transport t = {.cube = 4, .n_tensor = 1, .media = prt_media_one(&medium)};

@@ -138,6 +138,16 @@ static void make_walks(struct prt_tensor *t)
     t->basis = basis;
 }
 
+// One function at three nodes of eta.
+static void make_etas(struct prt_tensor *t)
+{
+    static const float axis[] = {1.2f, 1.6f, 1.22f, 1.38f, 1.57f};
+    float *knot = prt_calloc(5, 4), *basis = prt_calloc(5, 4), *eta = prt_calloc(5, 4);
+    for (int i = 0; i < 5; i++) knot[i] = (float)i, basis[i] = (float)(5 - i), eta[i] = axis[i];
+    t->n_knot = t->n_eta = 5;
+    t->knot = knot, t->basis = basis, t->eta = eta;
+}
+
 static void make(struct prt_transport *t)
 {
     memset(t, 0, sizeof *t);
@@ -158,6 +168,7 @@ static void make(struct prt_transport *t)
     t->tensor[3].n_knot = 5;
     t->tensor[3].knot = knot;
     t->tensor[3].basis = basis;
+    make_etas(&t->tensor[2]);
     make_walks(&t->tensor[4]);
     t->settings = "{\"rank\":5}";
     t->errors = "{}";
@@ -221,7 +232,11 @@ static void what_is_written_comes_back(void **state)
         same(r->scaling, s->scaling, 12 * j * r->n_row);
         assert_int_equal(x->basis_kind, y->basis_kind);
         same(x->knot, y->knot, 4ull * x->n_knot);
-        if (x->n_knot) same(x->basis, y->basis, 4ull * prt_tensor_basis_width(x) * x->n_radial);
+        if (x->n_knot)
+            same(x->basis, y->basis,
+                 4ull * prt_tensor_basis_width(x) * prt_tensor_basis_size(x));
+        assert_int_equal(x->n_eta, y->n_eta);
+        same(x->eta, y->eta, 4ull * x->n_eta);
         assert_true(x->n_phase == y->n_phase && x->storage == y->storage &&
                     x->coupling == y->coupling && x->term == y->term && r->n_coef == s->n_coef);
     }
@@ -460,8 +475,24 @@ static void forged_headers_are_refused(void **state)
     X(walks_kind, "an unknown kind", K->basis_kind = PRT_RADIAL_WALK + 1)             \
     X(walks_as_radii, "does not ascend", K->basis_kind = PRT_RADIAL_REDUCED)
 
-#define DAMAGES(X) \
-    ROWS_DAMAGES(X) CLUSTER_DAMAGES(X) MESH_DAMAGES(X) SHAPE_DAMAGES(X) WALK_DAMAGES(X)
+#define ETA_DAMAGES(X)                                                              \
+    X(eta_order, "nodes of eta are damaged", W(float, F->eta)[3] = F->eta[4])       \
+    X(eta_close, "nodes of eta are damaged", W(float, F->eta)[3] = 1.225f)          \
+    X(eta_nan, "nodes of eta are damaged", W(float, F->eta)[2] = NAN)               \
+    X(eta_low, "nodes of eta are damaged", W(float, F->eta)[0] = nextafterf(1, 0))  \
+    X(eta_high, "nodes of eta are damaged", W(float, F->eta)[4] = nextafterf(3, 4)) \
+    X(eta_range, "nodes of eta are damaged", W(float, F->eta)[1] = 1.19f)           \
+    X(eta_few, "nodes of eta are damaged", F->n_eta = 2)                            \
+    X(eta_many, "nodes of eta are damaged", F->n_eta = 7)                           \
+    X(eta_missing, "nodes of eta are damaged", F->eta = NULL)                       \
+    X(eta_shares, "3 functions for 2 nodes", F->n_eta = 4)                          \
+    X(eta_basis, "nodes of eta are damaged", F->n_knot = 0)                         \
+    X(eta_walks, "nodes of eta are damaged", K->n_eta = 5, K->eta = F->eta)         \
+    X(eta_columns, "nodes of eta are damaged", P->n_eta = 5, P->eta = F->eta)
+
+#define DAMAGES(X)  \
+    ROWS_DAMAGES(X) \
+    CLUSTER_DAMAGES(X) MESH_DAMAGES(X) SHAPE_DAMAGES(X) WALK_DAMAGES(X) ETA_DAMAGES(X)
 
 #define X(name, message, ...)                          \
     static void damage_##name(struct prt_transport *t) \

@@ -344,20 +344,14 @@ static int joint_frame(struct bench_env *env)
     return status;
 }
 
-static int file_bases(struct edit *e)
+static int file_bases(struct edit *e, const struct prt_transport *transport)
 {
     int status = PRT_OK;
     e->own_bases = true;
     for (unsigned i = 0; i < e->n_tensor && !status; i++) {
         const struct prt_tensor *t = e->tensor[i];
-        struct prt_radial_options o = {
-            .kind = (enum prt_radial_kind)t->basis_kind,
-            .family = t->term == PRT_TERM_SINGLE ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
-            .eta = (double)e->material.eta};
-        if (!t->n_knot) continue; // fixed
-        o.radius_mm = (double)t->knot[t->n_knot - 1];
-        status = prt_radial_from_table(&e->env->ctx, &o, t->n_radial, t->n_knot, t->knot,
-                                       t->basis, &e->radial[i]);
+        if (t->n_knot) // else the material is fixed
+            status = prt_tensor_radial(&e->env->ctx, transport, t, &e->radial[i]);
     }
     return status;
 }
@@ -388,7 +382,7 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
         snprintf(name, sizeof name, "%s_%s", prefix, single ? "with_single" : "multiple");
         status =
             start(&e, env, t->cube ? t->cube : 32, n, tensors, (double)t->media.medium->eta);
-        if (!status) status = file_bases(&e);
+        if (!status) status = file_bases(&e, t);
         if (!status) status = figure(&e, name, single);
         stop(&e);
     }

@@ -303,6 +303,7 @@ void synthetic_tensor_finish(struct prt_tensor *t)
     drop(t->rows.scaling);
     drop(t->knot);
     drop(t->basis);
+    drop(t->eta);
     *t = (struct prt_tensor){0};
 }
 
