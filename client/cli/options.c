@@ -170,6 +170,9 @@ static const struct row {
     {'9', "exit-planes", NULL, FLAG, AT(load.bake.exit_planes), 0, 0, NULL, 0,
      "add nine planes that correct single scattering towards an eye; frames of coefficients grow to "
      "three times their size"},
+    {'7', "any-eta", NULL, FLAG, AT(load.bake.any_eta), 0, 0, NULL, 0,
+     "joint transport for media of every refractive index from 1.2 to 1.6, not of the bake's own "
+     "alone; takes some half more time"},
     {'d', "seed", "N", SPECIAL, 0, 0, 0, NULL, 0, "seed of the bake's random numbers"},
     {'O', "opaque", "NAME", SPECIAL, 0, 0, 0, NULL, 0,
      "a material or node that is opaque; may repeat"},

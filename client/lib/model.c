@@ -131,6 +131,7 @@ static void put_bake(Relight__BakeSettings *m, const struct relight_bake *bake)
     m->single_points = bake->single_points;
     m->no_single = bake->no_single;
     m->exit_planes = bake->exit_planes;
+    m->any_eta = bake->any_eta;
     m->max_error = bake->max_error;
     m->seed = bake->seed;
     m->env = relight_text(bake->env);

@@ -73,9 +73,17 @@ struct demand {
     const struct bake *b;
     double vertices, triangles, threads, samples, nodes, coef, area;
     bool spill;                 // rows of factored clusters are on disk
+    double layers, paths;       // nodes of eta of pass 1's rows and of single scattering, or 1
     uint32_t n_cluster, widest; // clusters of vertices, vertices of the largest
     double ranks;               // columns of U that all clusters hold while they are factored
 };
+
+static void count_nodes(struct demand *d)
+{
+    struct prt_eta_nodes nodes;
+    d->layers = prt_bake_eta_nodes(d->b, PRT_FAMILY_DIPOLE, &nodes) ? nodes.n : 1;
+    d->paths = prt_bake_eta_nodes(d->b, PRT_FAMILY_EXTINCTION, &nodes) ? nodes.n : 1;
+}
 
 // Of the groups that clusters_create splits: one for each object and kind of surface.
 static int count_clusters(struct demand *d, bool every_medium)
@@ -116,7 +124,7 @@ static double cut_columns(const struct demand *d)
     return fmin(3 * near + far, 0.9 * d->samples);
 }
 
-// Functions of a free medium's basis: 14, 15 and 17 were found for models of 20, 50 and 200 mm,
+// Functions of a free medium, at every node of eta; of its basis: 14, 15 and 17 were found for models of 20, 50 and 200 mm,
 // one more where three times the size is covered.
 static double basis_size(const struct demand *d, bool extinction)
 {
@@ -126,7 +134,8 @@ static double basis_size(const struct demand *d, bool extinction)
     if (o->basis == PRT_RADIAL_POLYNOMIAL) return 2 * pieces;
     if (o->basis == PRT_RADIAL_HAT) return pieces + 1;
     double finer = fmax(log(PRT_BAKE_ERROR_DEFAULT / o->max_error), 0);
-    return ceil(fmax(11 + log(fmax(reach, 1)) + 2 * finer, 4)) + (extinction ? 1 : 0);
+    double size = ceil(fmax(11 + log(fmax(reach, 1)) + 2 * finer, 4)) + (extinction ? 1 : 0);
+    return size * (extinction ? d->paths : d->layers);
 }
 
 // A thread's arrays while one cluster is factored (factor.c): functions stored, trained ones,
@@ -135,7 +144,7 @@ static double factor_bytes(const struct demand *d, double functions, double trai
                            double probes, double columns)
 {
     enum { ROWS_AT_ONCE = 192 }; // sources.c
-    double n = d->widest, J = functions, C = columns;
+    double n = d->widest, J = functions, C = columns * d->layers;
     double rank = fmin(prt_bake_rank(&d->b->o, trained > J, d->n_cluster), n);
     double answers = J * n * (probes + 6) * 4, some = C > 0 ? ROWS_AT_ONCE * d->coef * 4 : 0;
     double multiply = some + C * probes * 4 + trained * n * probes * 4;
@@ -143,7 +152,7 @@ static double factor_bytes(const struct demand *d, double functions, double trai
     double made = C > 0 && trained > J ? fmin(J, MAX_COMPONENTS) / 2 : J; // of a row, functions
     double project = rank * made * (d->coef + C) * 4 + some;
     double faces = trained > J ? (probes + 6) * d->coef * 4 : 0;
-    return J * n * C * 4 + C * 16 + answers + fmax(fmax(multiply, basis) + faces, project);
+    return J / d->layers * n * columns * 4 + columns * 16 + answers + fmax(fmax(multiply, basis) + faces, project);
 }
 
 // All clusters' factors: halves of each function or direction, and floats of their energy.
@@ -170,7 +179,8 @@ static double horizon(const struct demand *d)
 static double single_bytes(const struct demand *d, double functions)
 {
     double cells = d->widest * d->coef * (4 + functions);
-    double rays = (SINGLE_MAX_NODES * 6 + 4) * d->coef * 4 + functions * d->coef * 4;
+    double arrays = SINGLE_MAX_NODES * (5 * d->paths + 1) + 4 + functions;
+    double rays = arrays * d->coef * 4;
     return cells + rays;
 }
 
@@ -226,7 +236,7 @@ static double stages(struct demand *d, double rows)
         return kept + fmax(d->threads * fmax(cut + walk_bytes(d), rays), horizon(d));
     }
     double probes = joint ? JOINT_PROBES : WAVELET_PROBES, lights = d->coef * probes * 4;
-    double lit = sparse ? 0 : (d->samples + d->nodes) * (probes + 6) * 4;
+    double lit = sparse ? 0 : (d->samples + d->nodes) * d->layers * (probes + 6) * 4;
     if (o->scattering == PRT_SCATTERING_WALK && !joint)
         lit = (d->samples + d->nodes) * probes * 4;
     double first = rows + horizon(d), second, third = 0;
@@ -237,13 +247,13 @@ static double stages(struct demand *d, double rows)
                 d->threads * (single_bytes(d, single) + sparse_scratch(d, single, 0));
     } else {
         double tensor = packed(d, PRT_TERM_MULTIPLE, multiple);
-        double train = joint ? TRAIN_REFLECTANCE : multiple;
+        double train = joint ? TRAIN_REFLECTANCE * d->layers : multiple;
         second = rows + lit + factors(d, multiple, joint) +
                  fmax(d->threads *
                           (factor_bytes(d, multiple, train, probes, columns) + walk_bytes(d)),
                       tensor);
         if (o->scattering == PRT_SCATTERING_WALK) second += tensor;
-        train = joint ? TRAIN_EXTINCTION * o->n_phase : single;
+        train = joint ? TRAIN_EXTINCTION * o->n_phase * fmin(d->paths, 2) : single;
         third = tensor + horizon(d) + factors(d, single, joint) +
                 fmax(d->threads *
                          (single_bytes(d, single) + factor_bytes(d, single, train, probes, 0)),
@@ -342,6 +352,7 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
                        .threads = prt_pool_size(ctx ? ctx->pool : NULL),
                        .coef = 6.0 * b.o.cube * b.o.cube,
                        .area = prt_surface_area(mesh)};
+    count_nodes(&d);
     status = count_clusters(&d, b.o.engine == PRT_TRANSPORT_JOINT);
     if (status) {
         prt_free(b.dipole);
@@ -354,7 +365,7 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
         d.nodes = (double)prt_hierarchy_most_nodes(n, mesh->n_object);
         prt_surface_memory(mesh, n, prt_bake_fine_mm(&b), &making, &kept);
     }
-    double rows = (d.samples + d.nodes) * d.coef * 2;
+    double rows = (d.samples + d.nodes) * d.layers * d.coef * 2;
     if (rows > (double)prt_bake_rows_room(&b.o)) rows = 0; // they are on disk
     double trees = d.samples * (8 + 4) + d.nodes * sizeof(struct node);
     double rays = prt_bake_patterns(&b.o) * d.coef * SUBS * 16;

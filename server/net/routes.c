@@ -221,6 +221,7 @@ static const struct field load_fields[] = {
     {"single_points", "bake.single_points", NULL},
     {"no_single", "bake.no_single", NULL},
     {"exit_planes", "bake.exit_planes", NULL},
+    {"any_eta", "bake.any_eta", NULL},
     {"max_error", "bake.max_error", NULL},
     {"seed", "bake.seed", NULL},
     {"env", "bake.env", set_env},

@@ -91,6 +91,7 @@ void load_add_settings(struct load_args *a, const Relight__LoadRequest *r)
     if (b->single_points) load_add_arg(a, "--single-points=%u", b->single_points);
     if (b->no_single) load_add_arg(a, "--no-single");
     if (b->exit_planes) load_add_arg(a, "--exit-planes");
+    if (b->any_eta) load_add_arg(a, "--any-eta");
     if (b->max_error > 0) load_add_arg(a, "--max-error=%.9g", (double)b->max_error);
     if (b->seed) load_add_arg(a, "--seed=%llu", (unsigned long long)b->seed);
     if (b->env[0]) load_add_arg(a, "--rotate=%.9g", (double)b->rotate_deg);

@@ -279,6 +279,7 @@ struct relight_bake {
     uint32_t samples, cube, coeffs, rank, phase_terms, single_points;
     bool no_single;
     bool exit_planes; /* planes that correct single scattering towards an eye */
+    bool any_eta;     /* joint: media of every eta from 1.2 to 1.6 */
     float max_error;
     uint64_t seed;
     const char *env; /* polynomial: the fixed light, as relight_light.env */
