@@ -365,7 +365,7 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
         d.nodes = (double)prt_hierarchy_most_nodes(n, mesh->n_object);
         prt_surface_memory(mesh, n, prt_bake_fine_mm(&b), &making, &kept);
     }
-    double rows = (d.samples + d.nodes) * d.layers * d.coef * 2;
+    double rows = (d.samples + d.nodes) * (d.layers > 1 ? 1.25 : 1) * d.coef * 2;
     if (rows > (double)prt_bake_rows_room(&b.o)) rows = 0; // they are on disk
     double trees = d.samples * (8 + 4) + d.nodes * sizeof(struct node);
     double rays = prt_bake_patterns(&b.o) * d.coef * SUBS * 16;

@@ -184,7 +184,7 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_t
                          uint32_t n_layer, size_t room, struct half_rows *out)
 {
     size_t bytes;
-    const size_t n_coef = n_texel * n_layer;
+    const size_t n_coef = n_texel + (n_layer - 1) * (n_texel / 4);
     memset(out, 0, sizeof *out);
     if (prt_mul_overflow(n_row, n_coef * 2, &bytes)) return PRT_NOMEM;
     int fd = -1;
@@ -206,7 +206,13 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_t
         return prt_fail(ctx, PRT_NOMEM, "no memory for %zu MB of irradiance transport",
                         bytes >> 20);
     madvise(map, bytes, MADV_HUGEPAGE);
-    *out = (struct half_rows){n_row, n_coef, bytes, n_layer, map, on_disk};
+    *out = (struct half_rows){.n_row = n_row,
+                              .n_coef = n_coef,
+                              .bytes = bytes,
+                              .n_texel = n_texel,
+                              .n_layer = n_layer,
+                              .half = map,
+                              .on_disk = on_disk};
     return PRT_OK;
 }
 
@@ -245,8 +251,18 @@ static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view
     return true;
 }
 
+// Layer 1 of a row from all its texels: their means over 2 x 2.
+static void halve(const struct directions *d, const float *from, float *out)
+{
+    for (uint32_t i = 0; i < d->n_coef / 4; i++) {
+        const uint32_t half = d->n / 2, x = i % half, y = i / half;
+        const float *at = from + (size_t)2 * y * d->n + 2 * x;
+        out[i] = 0.25f * (at[0] + at[1] + at[d->n] + at[d->n + 1]);
+    }
+}
+
 // The row of sample s with its open directions, which are `known` or are written: the layers
-// have the same rays. Returns the rays cast.
+// have the same rays. Returns the rays cast. row: [n_coef] and room for [n_texel].
 static uint64_t sample_row(const struct pass_one *p, uint32_t s,
                            const struct horizon_view *view, bool known, uint16_t *open,
                            float *row)
@@ -255,12 +271,16 @@ static uint64_t sample_row(const struct pass_one *p, uint32_t s,
     const struct receiver at = {of->position[s], of->normal[s], of->face_normal[s]};
     const uint32_t medium = prt_media_index(p->from.media, of->object[s]);
     const unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
-    const size_t texels = prt_half_rows_texels(p->rows);
-    uint64_t cast = 0;
-    for (uint32_t a = 0; a < p->rows->n_layer; a++)
-        cast += prt_irradiance_lanes(p->from.scene, p->from.directions, pattern,
-                                     &p->fresnel[p->from.nodes ? a : medium], &at, view,
-                                     known || a, open, row + a * texels);
+    const struct directions *d = p->from.directions;
+    float *room = row + p->rows->n_coef;
+    const uint64_t cast = prt_irradiance_lanes(p->from.scene, d, pattern,
+                                               &p->fresnel[p->from.nodes ? 0 : medium], &at,
+                                               view, known, open, row);
+    if (p->rows->n_layer > 1) {
+        (void)prt_irradiance_lanes(p->from.scene, d, pattern, &p->fresnel[1], &at, view, true,
+                                   open, room);
+        halve(d, room, row + p->rows->n_texel);
+    }
     for (size_t k = 0; of->tint && k < p->rows->n_coef; k++) row[k] *= of->tint[s];
     return cast;
 }
@@ -276,7 +296,7 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     }
     prt_trace_thread_init();
     uint64_t started = prt_work_begin();
-    float *row = prt_alloc(p->rows->n_coef, sizeof *row);
+    float *row = prt_alloc(p->rows->n_coef + p->rows->n_texel, sizeof *row);
     uint16_t *open = prt_alloc((end - begin) * n_packet, sizeof *open);
     if (!row || !open) {
         prt_free(row);
@@ -355,6 +375,23 @@ static bool horizon_pays(const struct irradiance_source *from)
     return horizon < 0.5 * samples * (d->faint < 1 ? 1 : 1.0 / SUBS);
 }
 
+// The tables of the layers: the mean of F_t at two nodes of eta and half the difference, each
+// over its own mean.
+static struct fresnel_table *layer_tables(const struct prt_eta_nodes *nodes, float mix[2][2])
+{
+    struct fresnel_table *table = prt_bake_node_fresnel(nodes);
+    const float own[2] = {(float)prt_fresnel_mean_transmittance((double)nodes->node[0]),
+                          (float)prt_fresnel_mean_transmittance((double)nodes->node[1])};
+    for (int i = 0; table && i < FRESNEL_STEPS + 2; i++) {
+        const float low = table[0].value[i] / own[0], high = table[1].value[i] / own[1];
+        table[0].value[i] = 0.5f * (high + low);
+        table[1].value[i] = 0.5f * (high - low);
+    }
+    mix[0][0] = own[0], mix[0][1] = -own[0];
+    mix[1][0] = mix[1][1] = own[1];
+    return table;
+}
+
 int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_source *from,
                         struct half_rows *out, uint64_t *rays)
 {
@@ -367,7 +404,7 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
     if (status) return status;
     const size_t n_coef = out->n_coef;
     p.fresnel =
-        from->nodes ? prt_bake_node_fresnel(from->nodes) : prt_bake_fresnel(from->media);
+        from->nodes ? layer_tables(from->nodes, out->mix) : prt_bake_fresnel(from->media);
     if (!p.fresnel) {
         prt_half_rows_finish(out);
         return PRT_NOMEM;

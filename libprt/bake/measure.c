@@ -100,10 +100,7 @@ struct examination {
 
 static int choose_media(struct examination *e)
 {
-    static const float free_eta[MEDIA - 1] = {1.28f, 1.43f, 1.6f}; // between nodes, and an end
     const struct prt_transport *t = e->transport;
-    float range[2];
-    const bool any_eta = prt_transport_any_eta(t, range);
     int status = PRT_OK;
     e->media[0] = t->media;
     e->n_medium = 1;
@@ -116,7 +113,7 @@ static int choose_media(struct examination *e)
         e->media[e->n_medium++] = (struct prt_media){t->media.n, m, t->media.of_object};
         for (uint32_t k = 0; k < t->media.n && !status; k++) {
             status = prt_material_load(e->ctx, free_media[i], &m[k]);
-            m[k].eta = any_eta ? free_eta[i] : t->media.medium[k].eta;
+            m[k].eta = t->media.medium[k].eta;
         }
     }
     return status;

@@ -5,12 +5,12 @@
 
 #include "bake/stages.h"
 
-/* T_f = K_f E: K of a cut times irradiance rows E, of each layer of them one behind the other.
- * T is never formed. */
+/* T_f = K_f E: K of a cut times irradiance rows E, those of each node of eta one behind the
+ * other. T is never formed. */
 struct product_rows {
     const struct half_rows *rows;
     const struct cut *cut;
-    uint32_t n_vertex, n_function; /* functions: the cut's for each layer of rows */
+    uint32_t n_vertex, n_function; /* functions: the cut's at each node of the rows */
     const struct lit_rows *lit;    /* products with these lights need no others; or NULL */
     struct work_meters *work;      /* or NULL */
     const float *smooth; /* [n_function][n_vertex][n_vertex] M_f in T_f = M_f K_f E; NULL: 1 */
@@ -27,7 +27,7 @@ int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *r
                         struct lit_rows *out);
 void prt_lit_rows_finish(struct lit_rows *lit);
 
-/* q [n][n_column][n_layer] times the cut's rows, [n][texels]. */
+/* q [layer][n][n_column] times the cut's rows, [n][n_texel]. */
 int prt_product_weigh(const struct product_rows *p, const float *q, uint32_t n, float *out);
 int prt_product_multiply(void *user, const float *x, uint32_t m, float *out);
 int prt_product_project(void *user, const float *u, uint32_t r, float *out);

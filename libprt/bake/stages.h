@@ -79,17 +79,17 @@ uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct direct
 /* Rows of half floats: samples first (in tree order), then the nodes of the hierarchy. Rows
  * that take more bytes than `room` are mapped from an unlinked temporary file. */
 struct half_rows {
-    size_t n_row, n_coef, bytes; /* n_coef: of all layers */
-    uint32_t n_layer;            /* of a row, one behind the other: nodes of eta, or 1 */
+    size_t n_row, n_coef, bytes; /* n_coef: numbers of a row, of all layers */
+    size_t n_texel;
+    uint32_t n_layer; /* 1; or 2, for two nodes of eta: the mean of E under both, [n_texel], and
+                         half of their difference, which is small, over 2 x 2 texels,
+                         [n_texel / 4]. Both are relative to the means of F_t: */
+    float mix[2][2];  /* E of node i = mix[i][0] mean + mix[i][1] difference */
     uint16_t *half;
     bool on_disk;
 };
 /* An unlinked file of `bytes` in TMPDIR, else /var/tmp; -1: errno. */
 int prt_temporary_file(uint64_t bytes);
-static inline size_t prt_half_rows_texels(const struct half_rows *rows)
-{
-    return rows->n_coef / rows->n_layer;
-}
 /* Rows that are on disk are not read for a while: they need not stay in memory. */
 void prt_half_rows_rest(const struct half_rows *rows);
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_texel,
@@ -130,8 +130,7 @@ struct irradiance_source {
     struct ray_store *store;           /* of this pass, or NULL */
     struct work_meters *work;          /* or NULL */
     const struct prt_media *media;     /* whose eta each object has */
-    const struct prt_eta_nodes *nodes; /* or NULL: rows have a layer for each node of eta,
-                                          whatever the object */
+    const struct prt_eta_nodes *nodes; /* two, of all objects: rows have two layers; or NULL */
     size_t room;                       /* bytes of memory for the rows (prt_half_rows_create) */
 };
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets

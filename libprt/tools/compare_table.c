@@ -184,6 +184,33 @@ static int load_lights(struct table *t)
     return status;
 }
 
+// One call of the reference for each index, which the irradiance of all its media has.
+static int reference_by_eta(struct table *t, const struct prt_reference_options *options,
+                            float *want)
+{
+    const struct prt_cube *light[MAX_ENV];
+    bool done[MAX_MEDIA] = {false};
+    int status = PRT_OK;
+    for (unsigned l = 0; l < t->n_light; l++) light[l] = &t->seen[l];
+    for (unsigned first = 0; first < t->n_media && !status; first++) {
+        struct prt_media set[MAX_MEDIA];
+        float(*color[MAX_MEDIA * MAX_ENV])[3];
+        unsigned n = 0;
+        for (unsigned m = first; m < t->n_media && !done[first]; m++) {
+            if (t->media[m].eta != t->media[first].eta) continue;
+            for (unsigned l = 0; l < t->n_light; l++)
+                color[n * t->n_light + l] =
+                    (float(*)[3])(want + ((size_t)m * t->n_light + l) * t->n * 3);
+            set[n++] = t->set[m];
+            done[m] = m > first;
+        }
+        if (n)
+            status = prt_reference_many(&t->tool->ctx, t->source.mesh, n, set, t->n_light,
+                                        light, options, color);
+    }
+    return status;
+}
+
 // number: 0, or 1 of another one with other random numbers.
 static int fill_reference(struct table *t, const float *eye, unsigned number, float *want)
 {
@@ -194,13 +221,7 @@ static int fill_reference(struct table *t, const float *eye, unsigned number, fl
     if (!o->rays) options.n_ray = TABLE_RAYS;
     options.vertex = t->vertex;
     options.n_vertex = t->n;
-    const struct prt_cube *light[MAX_ENV];
-    float(*color[MAX_MEDIA * MAX_ENV])[3];
-    for (unsigned l = 0; l < t->n_light; l++) light[l] = &t->seen[l];
-    for (unsigned i = 0; i < t->n_media * t->n_light; i++)
-        color[i] = (float(*)[3])(want + (size_t)i * t->n * 3);
-    return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, t->set, t->n_light,
-                              light, &options, color);
+    return reference_by_eta(t, &options, want);
 }
 
 // The relative RMSE of `got`; from two references what both agree on, so that the noise of
