@@ -124,8 +124,8 @@ static double cut_columns(const struct demand *d)
     return fmin(3 * near + far, 0.9 * d->samples);
 }
 
-// Functions of a free medium, at every node of eta; of its basis: 14, 15 and 17 were found for models of 20, 50 and 200 mm,
-// one more where three times the size is covered.
+// Functions of a free medium, at every node of eta; of its basis: 14, 15 and 17 were found for
+// models of 20, 50 and 200 mm, one more where three times the size is covered.
 static double basis_size(const struct demand *d, bool extinction)
 {
     const struct prt_bake_options *o = &d->b->o;
@@ -152,7 +152,8 @@ static double factor_bytes(const struct demand *d, double functions, double trai
     double made = C > 0 && trained > J ? fmin(J, MAX_COMPONENTS) / 2 : J; // of a row, functions
     double project = rank * made * (d->coef + C) * 4 + some;
     double faces = trained > J ? (probes + 6) * d->coef * 4 : 0;
-    return J / d->layers * n * columns * 4 + columns * 16 + answers + fmax(fmax(multiply, basis) + faces, project);
+    return J / d->layers * n * columns * 4 + columns * 16 + answers +
+           fmax(fmax(multiply, basis) + faces, project);
 }
 
 // All clusters' factors: halves of each function or direction, and floats of their energy.

@@ -273,9 +273,9 @@ static uint64_t sample_row(const struct pass_one *p, uint32_t s,
     const unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
     const struct directions *d = p->from.directions;
     float *room = row + p->rows->n_coef;
-    const uint64_t cast = prt_irradiance_lanes(p->from.scene, d, pattern,
-                                               &p->fresnel[p->from.nodes ? 0 : medium], &at,
-                                               view, known, open, row);
+    const uint64_t cast =
+        prt_irradiance_lanes(p->from.scene, d, pattern, &p->fresnel[p->from.nodes ? 0 : medium],
+                             &at, view, known, open, row);
     if (p->rows->n_layer > 1) {
         (void)prt_irradiance_lanes(p->from.scene, d, pattern, &p->fresnel[1], &at, view, true,
                                    open, room);

@@ -40,6 +40,27 @@ static int metric_create(const struct factor_plan *plan, struct metric *m)
     return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
 }
 
+// Eigenvectors of the symmetric g [n][n] as its columns, by rising value; at least the last
+// `wanted` of them. work: [n][n]. Where few are wanted all would take three times as long (168
+// functions at the nodes of eta).
+static int eigenvectors(double *g, int n, int wanted, double *value, double *work)
+{
+    lapack_int support[2 * MAX_COMPONENTS], found = 0;
+    if (3 * wanted > n)
+        return LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'V', 'L', n, g, n, value) ? PRT_INTERNAL
+                                                                         : PRT_OK;
+    if (LAPACKE_dsyevr(LAPACK_ROW_MAJOR, 'V', 'I', 'L', n, g, n, 0, 0, n - wanted + 1, n, 0,
+                       &found, value, work, wanted, support) ||
+        found != wanted)
+        return PRT_INTERNAL;
+    memmove(value + n - wanted, value, (size_t)wanted * sizeof *value);
+    memset(g, 0, (size_t)n * (size_t)n * sizeof *g);
+    for (int i = 0; i < n; i++)
+        memcpy(g + (size_t)i * (size_t)n + n - wanted, work + (size_t)i * (size_t)wanted,
+               (size_t)wanted * sizeof *g);
+    return PRT_OK;
+}
+
 // Components of one row by falling energy over training, from the Gram matrix [n][n] (lower) of
 // its functions: forward [d][n] maps functions to components, back [d][n] components to
 // functions, energy [d]. work: [2 n n + n].
@@ -55,7 +76,7 @@ static int find_components(const struct metric *m, const float *gram, uint32_t n
                 n, g, n);
     cblas_dtrmm(CblasRowMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1,
                 m->l, n, g, n);
-    if (LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'V', 'L', n, g, n, value)) return PRT_INTERNAL;
+    if (eigenvectors(g, n, (int)n_component, value, v)) return PRT_INTERNAL;
     memcpy(v, g, (size_t)n * (size_t)n * sizeof *v); // columns, by rising energy
     cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l,
                 n, v, n); // l v: its columns map to components

@@ -79,10 +79,10 @@ int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *r
     *out = (struct lit_rows){n_light, light, prt_alloc(all, sizeof(float))};
     float *coarse = layered ? coarse_lights(rows, light, n_light) : NULL;
     struct lit_job job = {rows, out, coarse, work};
-    int status = out->value && (coarse || !layered)
-                     ? prt_parallel_for(ctx, "multiple scattering", rows->n_row, BLOCK,
-                                        lit_range, &job)
-                     : PRT_NOMEM;
+    int status =
+        out->value && (coarse || !layered)
+            ? prt_parallel_for(ctx, "multiple scattering", rows->n_row, BLOCK, lit_range, &job)
+            : PRT_NOMEM;
     prt_free(coarse);
     if (status) prt_lit_rows_finish(out);
     return status;
@@ -202,8 +202,8 @@ int prt_product_weigh(const struct product_rows *p, const float *q, uint32_t n, 
                         (int)n_coef, 1, coarse, (int)texels / 4);
     }
     for (size_t i = 0; layered && i < n * texels; i++)
-        out[i] += coarse[i / texels * (texels / 4) +
-                         coarse_texel(i % texels, edge_of(p->rows))];
+        out[i] +=
+            coarse[i / texels * (texels / 4) + coarse_texel(i % texels, edge_of(p->rows))];
     prt_free(e);
     prt_free(coarse);
     prt_half_rows_rest(p->rows);
@@ -240,8 +240,8 @@ static int weights_of(const struct product_rows *p, const float *u, uint32_t r, 
     return PRT_OK;
 }
 
-// Adds w times row `from` [C] of kernel f's weights to weights `to` of all layers, [layer][n][C];
-// node: that of the function.
+// Adds w times row `from` [C] of kernel f's weights to weights `to` of all layers,
+// [layer][n][C]; node: that of the function.
 static void add_weights(const struct product_rows *p, uint32_t node, float w, const float *from,
                         uint32_t n, uint32_t to, float *q)
 {
@@ -276,7 +276,7 @@ int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, cons
     struct product_rows *p = user;
     const uint32_t C = p->cut->n_column, F = p->n_function, layers = p->rows->n_layer,
                    n_kernel = F / layers;
-    float *one = prt_alloc((size_t)r * C + 1, sizeof *one);        // [r][C] of one kernel
+    float *one = prt_alloc((size_t)r * C + 1, sizeof *one);       // [r][C] of one kernel
     float *q = prt_calloc((size_t)layers * n * C + 1, sizeof *q); // [layer][n][C]
     int status = one && q ? PRT_OK : PRT_NOMEM;
     for (uint32_t f = 0; f < n_kernel && C && !status; f++) {
