@@ -124,6 +124,9 @@ expect 2 '\[0, N-1\]' "$prt" bake ball.obj $scaled --shard 3/3 -o x.prt
 expect 2 'one of factored, sparse' "$prt" bake ball.obj $scaled --storage dense -o x.prt
 expect 2 'one of reduced, polynomial, hat' "$prt" bake ball.obj $scaled --basis dense -o x.prt
 expect 2 '--basis is for --transport polynomial' "$prt" bake ball.obj $scaled --basis hat -o x.prt
+expect 2 '--any-eta is for --transport joint' "$prt" bake ball.obj $scaled --any-eta -o x.prt
+expect 2 '--any-eta and --exit-planes exclude each other' "$prt" bake ball.obj --size-mm 20 --any-eta --exit-planes -o x.prt
+expect 2 '--any-eta is for --scattering dipole' "$prt" bake ball.obj --size-mm 20 --any-eta --scattering walk -o x.prt
 expect 2 '--draft is for --transport wavelet and joint' "$prt" bake ball.obj $scaled --draft --transport polynomial --env constant -o x.prt
 expect 2 '--coeffs is for --storage sparse' "$prt" bake ball.obj $scaled --coeffs 64 -o x.prt
 expect 2 'choose one' "$prt" bake ball.obj $scaled --mm-per-unit 3 -o x.prt
@@ -265,6 +268,19 @@ expect 2 'sigma_s_prime\[0\] is 900, this bake covers 0.02 to 25 mm\^-1' "$prt" 
 expect 2 'eta is 1.5, this bake is for 1.3' "$prt" colors joint.prt --env constant --material marble -o x.csv
 expect 2 'eta is 1.5' "$prt" image joint.prt --env constant --material marble -o x.png
 expect 2 'eta is 1.5' "$prt" compare joint.prt reference --env constant --materials marble --term multiple
+# One bake for media of every eta from 1.2 to 1.6, and a medium outside.
+expect 0 '' "$prt" bake ball.obj --size-mm 20 $bake --no-single --any-eta -o any.prt
+check grep -qv 'baked for eta' err
+expect 0 '' "$prt" info any.prt --json
+check grep -q '"eta_range":\[1.2,1.6\]' out
+expect 0 '' "$prt" compare any.prt reference --env constant --materials media --term multiple --max-rmse 0.01 \
+    --samples 20000 --vertices 10
+check grep -q '^marble ' out
+check grep -q '^skin1 ' out
+expect 2 'eta is 1.65, this bake covers 1.2 to 1.6' "$prt" colors any.prt --env constant -o x.csv \
+    --material '{"sigma_s_prime":[1,1,1],"sigma_a":[0.1,0.1,0.1],"eta":1.65}'
+expect 1 'eta is 1.7, --any-eta covers 1.2 to 1.6' "$prt" bake ball.obj --size-mm 20 $bake --transport joint --any-eta \
+    --material '{"name":"glass","sigma_s_prime":[1,1,1],"sigma_a":[0.1,0.1,0.1],"eta":1.7}' -o x.prt
 expect 2 'covers 0 to 2 mm' "$prt" image joint.prt --env constant -o x.png \
     --material '{"sigma_s_prime":[1,1,1],"sigma_a":[300,300,300]}'
 expect 2 'mean_free_path.*0.001 to 10000 mm' "$prt" colors joint.prt --env constant -o x.csv \
