@@ -111,12 +111,13 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
         }
         if (fabsf(m->eta - baked->eta) <= 1e-6f) continue;
         const char *name = t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "";
-        status =
-            prt_fail(ctx, PRT_MISMATCH,
-                     "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
-                     "unit): bake again for another",
-                     m->name[0] ? m->name : "material", (double)m->eta, *name ? " of " : "",
-                     name, (double)baked->eta);
+        status = prt_fail(
+            ctx, PRT_MISMATCH,
+            "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
+            "unit): bake again for another%s",
+            m->name[0] ? m->name : "material", (double)m->eta, *name ? " of " : "", name,
+            (double)baked->eta,
+            t->engine == PRT_TRANSPORT_JOINT ? ", or --any-eta for all from 1.2 to 1.6" : "");
     }
     return status;
 }
