@@ -172,7 +172,7 @@ static const struct row {
      "three times their size"},
     {'7', "any-eta", NULL, FLAG, AT(load.bake.any_eta), 0, 0, NULL, 0,
      "joint transport for media of every refractive index from 1.2 to 1.6, not of the bake's own "
-     "alone; takes some half more time"},
+     "alone; takes two fifths more time"},
     {'d', "seed", "N", SPECIAL, 0, 0, 0, NULL, 0, "seed of the bake's random numbers"},
     {'O', "opaque", "NAME", SPECIAL, 0, 0, 0, NULL, 0,
      "a material or node that is opaque; may repeat"},
@@ -282,7 +282,7 @@ const struct command commands[] = {
      "  relight load leaf.glb --size-mm 60 --material skin1 --scattering walk\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load sketch.glb --material marble --preview",
-     COMMON "DUm\22\11PRQLNCKAH9dXOMpwZerV\177", true, run_load},
+     COMMON "DUm\22\11PRQLNCKAH97dXOMpwZerV\177", true, run_load},
     {"info", "ID",
      "Prints a model's geometry, bake and measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json",

@@ -265,14 +265,14 @@ def planes():
 def any_index():
     """LOAD for any eta: media of other indices than the file's have prt's colours; one outside is refused."""
     own = ['--samples', '1500', '--cube', '16', '--transport', 'joint', '--any-eta']
-    prt('bake', 'candle.gltf', *own, '--no-single', '-o', 'want.prt', '--quiet')
-    relight('load', 'candle.gltf', '--name', 'any', *own, '--no-single', '--no-draft', '--wait')
+    prt('bake', 'candle.gltf', *own, '-o', 'want.prt', '--quiet')
+    relight('load', 'candle.gltf', '--name', 'indices', *own, '--wait')
     given = material('wax=' + GREEN.replace('1.5', '1.42'), 'foot=marble', 'skin1')
     prt('colors', 'want.prt', *LIT, *given, '-o', 'want.csv')
-    relight('colors', 'any', *LIT, *given, '-o', 'got.csv')
+    relight('colors', 'indices', *LIT, *given, '-o', 'got.csv')
     same('got.csv', 'want.csv', 1e-5)
     outside = GREEN.replace('1.5', '1.65')
-    said = relight('colors', 'any', *LIT, '--material', outside, '-o', 'x.csv', status=1).said
+    said = relight('colors', 'indices', *LIT, '--material', outside, '-o', 'x.csv', status=2).said
     expect('eta is 1.65, this bake covers 1.2 to 1.6' in said, said)
 
 

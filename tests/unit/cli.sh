@@ -279,7 +279,7 @@ check grep -q '^marble ' out
 check grep -q '^skin1 ' out
 expect 2 'eta is 1.65, this bake covers 1.2 to 1.6' "$prt" colors any.prt --env constant -o x.csv \
     --material '{"sigma_s_prime":[1,1,1],"sigma_a":[0.1,0.1,0.1],"eta":1.65}'
-expect 1 'eta is 1.7, --any-eta covers 1.2 to 1.6' "$prt" bake ball.obj --size-mm 20 $bake --transport joint --any-eta \
+expect 2 'eta is 1.7, --any-eta covers 1.2 to 1.6' "$prt" bake ball.obj --size-mm 20 $bake --transport joint --any-eta \
     --material '{"name":"glass","sigma_s_prime":[1,1,1],"sigma_a":[0.1,0.1,0.1],"eta":1.7}' -o x.prt
 expect 2 'covers 0 to 2 mm' "$prt" image joint.prt --env constant -o x.png \
     --material '{"sigma_s_prime":[1,1,1],"sigma_a":[300,300,300]}'
