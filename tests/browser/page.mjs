@@ -96,6 +96,7 @@ function bake() {
     ["thin", "bumps.obj", ["--material", thin, "--exit-planes"]],
     ["thin-open", "bumps.obj", ["--exit-planes"]],
     ["variants", "variants.glb", []],
+    ["any", "bumps.obj", ["--any-eta", "--no-single"]],
   ]) {
     const out = join(folder, "models", `${name}.prt`);
     const done = spawnSync(join(bin, "prt"), [
@@ -451,6 +452,42 @@ const scenarios = {
     await page.keyboard.press("Control+z");
     await settled(page);
     assert.ok(difference(before, await linear(page)) < 1e-3);
+    await page.context().close();
+  },
+
+  async "a bake for any refractive index takes media that another refuses"(home) {
+    const page = await open(`${home}/#model=open.prt`);
+    await mode(page, "mesh");
+    await page.getByRole("tab", { name: "Material" }).click();
+    assert.ok(await page.getByRole("radio", { name: "Marble" }).isDisabled());
+    await page
+      .getByText(/This bake is for the refractive index 1.3: .*Marble/)
+      .waitFor(PATIENCE);
+    const eta = page.getByLabel("Refractive index η, number");
+    assert.equal(await eta.count(), 0);
+    await page.evaluate(() => (location.hash = "model=any.prt"));
+    await page.waitForFunction(
+      () => globalThis.relightViewer.info?.name === "any.prt",
+      null,
+      PATIENCE,
+    );
+    await mode(page, "mesh");
+    await coefficients(page);
+    await page.getByRole("radio", { name: "Marble" }).click();
+    await settled(page);
+    const marble = await linear(page);
+    assert.equal(Number(await eta.inputValue()), 1.5);
+    await eta.fill("1.25");
+    await eta.press("Enter");
+    await settled(page);
+    assert.match(decodeURIComponent(page.url()), /"eta":1.25/);
+    assert.ok(difference(marble, await linear(page)) > 0.01);
+    const { rmse } = await againstDaemon(page);
+    console.log(
+      `  of another index, against the daemon's picture: ${(100 * rmse).toFixed(2)} %`,
+    );
+    assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+    await shot(page, "any-eta");
     await page.context().close();
   },
 

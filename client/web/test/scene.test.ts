@@ -18,6 +18,7 @@ import { onlyTurned } from "../src/scene/lights";
 import {
   albedo,
   fromColor,
+  holdsAnyEta,
   meanTransmittance,
   mediumText,
   parseMedium,
@@ -217,6 +218,12 @@ describe("media", () => {
     expect(meanTransmittance(1.3)).toBeCloseTo(0.938868, 4);
     expect(meanTransmittance(1.5)).toBeCloseTo(0.908222, 4);
   });
+  test("a bake's settings say whether it is for any refractive index", () => {
+    expect(holdsAnyEta('{"any_eta":true}')).toBe(true);
+    for (const not of ["", "{", "null", "{}", '{"any_eta":1}'])
+      expect(holdsAnyEta(not)).toBe(false);
+  });
+
   test("presets and JSON are read, and written again", () => {
     const marble = parseMedium("marble");
     expect(marble?.sigmaSPrime).toEqual([2.19, 2.62, 3]);

@@ -47,6 +47,17 @@ export function parseMedium(text: string): Medium | null {
   };
 }
 
+/** The refractive indices of a joint bake for any (PROTOCOL, BakeSettings.any_eta). */
+export const ANY_ETA = { min: 1.2, max: 1.6 } as const;
+/** Whether ModelInfo.settings is of such a bake. */
+export function holdsAnyEta(settings: string): boolean {
+  try {
+    return (JSON.parse(settings) as { any_eta?: unknown } | null)?.any_eta === true;
+  } catch {
+    return false;
+  }
+}
+
 /** η and roughness of any material text. */
 export function surfaceOf(text: string): { eta: number; roughness: number } {
   const medium = parseMedium(text);

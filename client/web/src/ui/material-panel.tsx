@@ -1,13 +1,22 @@
 // SPDX-License-Identifier: MIT
 // Material: presets, and the medium's numbers, by coefficients or by colour and mean free path.
 import { useSignal } from "@preact/signals";
-import { fromColor, mediumText, PRESET_NAMES, toColor, type Medium } from "../state/material";
+import {
+  ANY_ETA,
+  fromColor,
+  mediumText,
+  parseMedium,
+  PRESET_NAMES,
+  toColor,
+  type Medium,
+} from "../state/material";
 import { Choice, Section, Slider } from "./controls";
 import {
   change,
   commit,
   editedObject,
   editObject,
+  etaIsOpen,
   info,
   materialIsOpen,
   medium,
@@ -128,6 +137,15 @@ function Numbers({ medium: m }: { medium: Medium }) {
           />
         </>
       )}
+      {etaIsOpen.value && (
+        <Slider
+          label="Refractive index η"
+          {...ANY_ETA}
+          value={m.eta}
+          onInput={(eta) => put({ eta: Math.round(eta * 1000) / 1000 })}
+          onDone={commit}
+        />
+      )}
       <Slider
         label="Roughness"
         min={0.02}
@@ -144,6 +162,38 @@ function Numbers({ medium: m }: { medium: Medium }) {
         onInput={(g) => put({ g: [g, g, g] })}
         onDone={commit}
       />
+    </>
+  );
+}
+
+// A bake for one refractive index refuses media of others.
+function Presets(props: { shown: string; medium: Medium | null; own: boolean }) {
+  const { shown, medium: m, own } = props;
+  const fits = (name: string) =>
+    etaIsOpen.value || !m || Math.abs((parseMedium(name)?.eta ?? m.eta) - m.eta) < 1e-6;
+  const refused = PRESET_NAMES.filter((name) => !fits(name));
+  return (
+    <>
+      <div class="chips" role="radiogroup" aria-label="Preset">
+        {PRESET_NAMES.map((name) => (
+          <button
+            key={name}
+            type="button"
+            role="radio"
+            aria-checked={shown === name || (m?.name === name && own)}
+            disabled={!fits(name)}
+            onClick={() => set(withMedium(name))}
+          >
+            {title(name)}
+          </button>
+        ))}
+      </div>
+      {m && refused.length > 0 && (
+        <p class="hint">
+          This bake is for the refractive index {m.eta}: {refused.map(title).join(", ")} have
+          another. Bring the model here with its medium open to edit that, too.
+        </p>
+      )}
     </>
   );
 }
@@ -232,19 +282,7 @@ function Material() {
   return (
     <Section title="Material">
       <Objects />
-      <div class="chips" role="radiogroup" aria-label="Preset">
-        {PRESET_NAMES.map((name) => (
-          <button
-            key={name}
-            type="button"
-            role="radio"
-            aria-checked={shown === name || (m?.name === name && !edited?.startsWith("{"))}
-            onClick={() => set(withMedium(name))}
-          >
-            {title(name)}
-          </button>
-        ))}
-      </div>
+      <Presets shown={shown} medium={m} own={!edited?.startsWith("{")} />
       {m ? (
         <Numbers medium={m} />
       ) : (

@@ -22,7 +22,7 @@ import { upload } from "../protocol/upload";
 import { roomId } from "../room/here";
 import { clampOrbit, START, type Orbit } from "../scene/camera";
 import { NO_STATUS, type Status, type Viewer } from "../scene/viewer";
-import { mediaObjects, parseMedium } from "../state/material";
+import { holdsAnyEta, mediaObjects, parseMedium } from "../state/material";
 import { FIRST_LAMP, type LampState, type SceneState } from "../state/scene-state";
 import { fromFragment, toFragment } from "../state/url";
 
@@ -86,6 +86,10 @@ export const materialIsOpen = computed(() => {
     status.value.mode === "pictures"
   );
 });
+/** Whether media of another refractive index can be chosen. */
+export const etaIsOpen = computed(
+  () => status.value.mode === "pictures" || holdsAnyEta(info.value?.settings ?? ""),
+);
 /** The objects whose media can be chosen apart, by the names that the daemon takes; none of a model
  * with one. */
 export const objects = computed(() => mediaObjects(info.value));
@@ -364,6 +368,8 @@ export async function loadUpload(name: string, hash: string): Promise<void> {
       name,
       sizeMm: uploadSizeMm.value,
       material: uploadMaterial.value,
+      // a medium that is edited later may be of any index
+      ...(uploadMaterial.value ? {} : { bake: { anyEta: true } }),
     },
     LoadAnswerSchema,
   );
