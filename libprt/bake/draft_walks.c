@@ -137,8 +137,7 @@ int prt_draft_walks_create(struct bake *b)
     if (!status) {
         const uint32_t each = WALKS / (w->support->n + 1);
         job.n_walk = each < MOST_EACH ? each : MOST_EACH;
-        status = prt_parallel_for(b->ctx, "multiple scattering", w->support->n, 16, walk_range,
-                                  &job);
+        status = prt_parallel_for(b->ctx, "walks", w->support->n, 16, walk_range, &job);
     }
     if (!status) find_walked(&job, w->walked);
     if (!status) status = smooth(b, w);

@@ -79,10 +79,9 @@ int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *r
     *out = (struct lit_rows){n_light, light, prt_alloc(all, sizeof(float))};
     float *coarse = layered ? coarse_lights(rows, light, n_light) : NULL;
     struct lit_job job = {rows, out, coarse, work};
-    int status =
-        out->value && (coarse || !layered)
-            ? prt_parallel_for(ctx, "multiple scattering", rows->n_row, BLOCK, lit_range, &job)
-            : PRT_NOMEM;
+    int status = out->value && (coarse || !layered)
+                     ? prt_parallel_for(ctx, "lit samples", rows->n_row, BLOCK, lit_range, &job)
+                     : PRT_NOMEM;
     prt_free(coarse);
     if (status) prt_lit_rows_finish(out);
     return status;

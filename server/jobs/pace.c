@@ -41,10 +41,11 @@ static const struct {
 
 // Seconds of random walks: 18e6 a channel, but 512 to 2048 a vertex; where the medium is free
 // 256 a vertex at each of 13 levels.
+static const double measuring_walks = 27; // two references of 200 vertices
 static double walk_seconds(const struct pace_kind *kind, double n_vertex)
 {
     const double each = fmin(fmax(18e6 / n_vertex, 512), 2048);
-    return kind->joint ? 10e-6 * 13 * 256 * n_vertex : 6.5e-6 * 3 * each * n_vertex;
+    return kind->joint ? 10e-6 * 13 * 256 * n_vertex : 5.5e-6 * 3 * each * n_vertex;
 }
 
 static unsigned number_of(const struct pace_kind *kind)
@@ -67,6 +68,7 @@ void pace_plan(struct pace *p, const struct pace_kind *kind, const struct pace_h
         p->planned[i] = cost[kind->joint][i].at_rest + cost[kind->joint][i].a_vertex * n;
         p->planned[i] = fmax(p->planned[i], 1);
         if (kind->walk && i == PACE_MULTIPLE) p->planned[i] += walk_seconds(kind, n);
+        if (kind->walk && i == PACE_MEASURING) p->planned[i] += measuring_walks;
         if (factor > 0) p->planned[i] *= factor;
     }
     p->planned[PACE_IRRADIANCE] *= samples;

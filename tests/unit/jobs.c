@@ -148,17 +148,55 @@ static const struct point spot_joint[] = {{0.1, "surface", 0.087},
                                           {147.9, "hidden-sky", 0.308},
                                           {147.9, "hidden-sky", 0.846},
                                           {147.9, NULL, 1}};
+static const struct point spot_walk[] = {{0.1, "by-walks", 0.000},
+                                         {0.2, "surface", 0.043},
+                                         {0.9, "irradiance", 0.000},
+                                         {4.9, "irradiance", 0.079},
+                                         {9.0, "irradiance", 0.157},
+                                         {13.1, "irradiance", 0.228},
+                                         {17.1, "irradiance", 0.308},
+                                         {21.1, "irradiance", 0.382},
+                                         {25.2, "irradiance", 0.461},
+                                         {29.2, "irradiance", 0.532},
+                                         {33.2, "irradiance", 0.599},
+                                         {37.2, "irradiance", 0.675},
+                                         {41.2, "irradiance", 0.758},
+                                         {45.3, "irradiance", 0.844},
+                                         {49.3, "irradiance", 0.926},
+                                         {52.5, "hierarchy", 0.055},
+                                         {54.7, "lit-samples", 0.013},
+                                         {58.7, "lit-samples", 0.711},
+                                         {74.9, "multiple-scattering", 0.125},
+                                         {89.5, "multiple-scattering", 0.250},
+                                         {100.1, "multiple-scattering", 0.375},
+                                         {110.7, "multiple-scattering", 0.500},
+                                         {125.3, "multiple-scattering", 0.625},
+                                         {137.5, "multiple-scattering", 0.750},
+                                         {151.9, "multiple-scattering", 0.875},
+                                         {162.7, "multiple-scattering", 1.000},
+                                         {164.8, "unscattered-light", 0.125},
+                                         {169.6, "unscattered-light", 0.750},
+                                         {172.7, "single-scattering", 0.125},
+                                         {178.0, "single-scattering", 0.625},
+                                         {182.3, "measuring", 0.000},
+                                         {199.3, "measuring", 0.200},
+                                         {213.2, "measuring", 0.400},
+                                         {214.7, NULL, 1}};
 
 // The largest error of the total time [1] after a tenth of it, while the bake is replayed.
-static double replay(const struct point *point, bool joint, uint32_t n_vertex, double speed,
+static double replay(const struct point *point, struct pace_kind kind, double speed,
                      struct pace_history *history)
 {
-    struct pace p = plan_of(joint, n_vertex, false, history);
-    const struct pace_kind kind = {.joint = joint, .single = true, .n_vertex = n_vertex};
+    struct pace p = {.fraction = 0};
     const struct point *end = point;
     double worst = 0;
     while (end->stage) end++;
+    pace_plan(&p, &kind, history);
     for (; point->stage; point++) {
+        if (pace_is_walk(point->stage)) {
+            kind.walk = true;
+            pace_plan(&p, &kind, history);
+        }
         pace_report(&p, false, point->stage, point->fraction, point->s * speed);
         double left = pace_left_s(&p, point->s * speed);
         if (point->s < end->s / 10) continue;
@@ -176,11 +214,15 @@ static void time_left(void **state)
         const char *name;
         const struct point *point;
         bool joint;
-    } bake[] = {{"wavelet", spot_wavelet, false}, {"joint", spot_joint, true}};
-    for (int i = 0; i < 2; i++) {
+    } bake[] = {{"wavelet", spot_wavelet, false},
+                {"joint", spot_joint, true},
+                {"walks", spot_walk, false}};
+    for (int i = 0; i < 3; i++) {
+        const struct pace_kind kind = {
+            .joint = bake[i].joint, .single = true, .n_vertex = 3225};
         struct pace_history history = {0};
-        double first = replay(bake[i].point, bake[i].joint, 3225, 1, &history);
-        double second = replay(bake[i].point, bake[i].joint, 3225, 3, &history);
+        double first = replay(bake[i].point, kind, 1, &history);
+        double second = replay(bake[i].point, kind, 3, &history);
         print_message("%s: off by %.0f %% of the whole at first, then %.0f %%\n", bake[i].name,
                       100 * first, 100 * second);
         assert_true(first < 0.25);
