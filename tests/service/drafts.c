@@ -49,7 +49,7 @@ static bool has_draft(const char *model)
 
 static void wait_for_draft(const char *model)
 {
-    for (int i = 0; i < 6000 && !has_draft(model); i++) sleep_ms(20);
+    for (int i = 0; i < 30000 && !has_draft(model); i++) sleep_ms(20);
     assert_true(has_draft(model));
 }
 
