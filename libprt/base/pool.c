@@ -2,6 +2,7 @@
 // A pool of threads that share loops. An atomic counter hands out the pieces of a loop. The
 // caller works on its own loop; idle workers join any open loop while fewer threads than the
 // pool has are at work: callers of several loops take the cores themselves.
+#include "base/sandbox.h"
 #include "prt/base.h"
 
 #include <pthread.h>
@@ -26,8 +27,9 @@ struct prt_pool {
     pthread_mutex_t lock;
     pthread_cond_t work, idle;
     struct loop *open;
-    unsigned n_thread; // workers + the caller
-    unsigned n_busy;   // callers and workers in loops; a caller that waits for a worker is not
+    unsigned n_thread;  // workers + the caller
+    unsigned n_started; // of the workers
+    unsigned n_busy;    // callers and workers in loops; a caller that waits for a worker is not
     bool stopping;
     pthread_t *thread;
 };
@@ -74,6 +76,8 @@ static void *worker_main(void *arg)
     struct prt_pool *pool = self.pool;
     free(arg);
     pthread_mutex_lock(&pool->lock);
+    pool->n_started++;
+    pthread_cond_broadcast(&pool->idle);
     for (;;) {
         struct loop *loop = pool->open;
         while (loop && atomic_load(&loop->piece) >= loop->n_piece) loop = loop->next;
@@ -95,6 +99,16 @@ static void *worker_main(void *arg)
     }
     pthread_mutex_unlock(&pool->lock);
     return NULL;
+}
+
+// A thread that starts allocates. A child of fork() (isolate.c) inherits the locks that threads
+// hold at that moment: libc takes its own before, AddressSanitizer's allocator does not, and
+// the child would wait for one forever.
+static void wait_for_workers(struct prt_pool *pool)
+{
+    pthread_mutex_lock(&pool->lock);
+    while (pool->n_started + 1 < pool->n_thread) pthread_cond_wait(&pool->idle, &pool->lock);
+    pthread_mutex_unlock(&pool->lock);
 }
 
 int prt_pool_create(unsigned n_thread, struct prt_pool **out)
@@ -124,6 +138,7 @@ int prt_pool_create(unsigned n_thread, struct prt_pool **out)
         }
         pool->n_thread++;
     }
+    if (SANITIZED) wait_for_workers(pool);
     *out = pool;
     return PRT_OK;
 }
