@@ -231,7 +231,8 @@ static void test_image_space_then_draft_then_bake(void **state)
             bake.bound_multiple);
     compare("single", draft.single, draft.bound_single, bake.single, bake.bound_single);
     compare("total", draft.total, draft.bound_total, bake.total, bake.bound_total);
-    assert_true(bake.bound_multiple < draft.bound_multiple);
+    // Walks from six vertices leave the multiple scattering of both the same noise.
+    assert_true(bake.bound_single < draft.bound_single && bake.bound_total < draft.bound_total);
 }
 
 // ---- one job
