@@ -34,6 +34,7 @@ static const double PROGRAM = 46e6; // code and data of the program and its libr
 static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
 static const double MARGIN = 1.1;
 enum { EXIT_SUPPORTS = 9000, EXIT_LIGHT = 6 * 8 * 8 }; // of view.c
+enum { DRAFT_SUPPORTS = 2500, DRAFT_LIGHT = 6 * 16 * 16, DRAFT_RANK = 16 };
 
 int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {
@@ -255,10 +256,15 @@ static double stages(struct demand *d, double rows)
                       tensor);
         if (o->scattering == PRT_SCATTERING_WALK) second += tensor;
         train = joint ? TRAIN_EXTINCTION * o->n_phase * fmin(d->paths, 2) : single;
-        third = tensor + horizon(d) + factors(d, single, joint) +
-                fmax(d->threads *
-                         (single_bytes(d, single) + factor_bytes(d, single, train, probes, 0)),
-                     packed(d, PRT_TERM_SINGLE, single));
+        // rows of all supports of a draft; else those of a cluster and its rays
+        const double supports = fmin(DRAFT_SUPPORTS, d->vertices) * single * DRAFT_LIGHT * 2;
+        const double held = o->draft ? supports : horizon(d);
+        const double own = o->draft ? 0 : single_bytes(d, single);
+        struct demand last = *d;
+        if (o->draft) last.ranks = fmin(d->ranks, DRAFT_RANK * (double)d->n_cluster);
+        third = tensor + held + factors(&last, single, joint) +
+                fmax(d->threads * (own + factor_bytes(d, single, train, probes, 0)),
+                     packed(&last, PRT_TERM_SINGLE, single));
     }
     if (o->exit_planes && !o->draft)
         third += EXIT_SUPPORTS * 9 * basis_size(d, true) * EXIT_LIGHT * 2;

@@ -67,6 +67,7 @@ void load_add_draft(struct load_args *a, const struct load *load)
     if (b && b->no_single) load_add_arg(a, "--no-single");
     load_add_arg(a, "--transport=%s", load_is_joint(load) ? "joint" : "wavelet");
     if (b && b->scattering) load_add_arg(a, "--scattering=%s", scattering_word[b->scattering]);
+    if (b && b->any_eta) load_add_arg(a, "--any-eta"); // a medium that the bake takes, it takes
     for (unsigned i = 0; i < load->n_material; i++)
         load_add_arg(a, "--material=%s", load->material[i].arg);
     add_placement(a, r);
