@@ -11,7 +11,7 @@
 
 // Walks start at so many vertices, so many a channel in all; what they return is the mean over
 // the starts within a reach [spacings of the starts]. Chosen: the mean's noise is some 2 %.
-enum { STARTS = 2500, WALKS = 48 * STARTS, MOST_EACH = 2048 };
+enum { STARTS = 2500, WALKS = 48 * STARTS, LEAST_EACH = 16, MOST_EACH = 2048 };
 static const float reach_spacings = 2.5f;
 static const double most_leak = 0.1; // of an object's walks; above it keeps the dipole
 static const float least_sigma_s = 1e-5f;
@@ -136,7 +136,8 @@ int prt_draft_walks_create(struct bake *b)
     struct start_job job = {b, space, w->support, 0, w->exitance, counts};
     if (!status) {
         const uint32_t each = WALKS / (w->support->n + 1);
-        job.n_walk = each < MOST_EACH ? each : MOST_EACH;
+        // a start for each cluster at least: models of many small objects have more of them
+        job.n_walk = each < LEAST_EACH ? LEAST_EACH : each < MOST_EACH ? each : MOST_EACH;
         status = prt_parallel_for(b->ctx, "walks", w->support->n, 16, walk_range, &job);
     }
     if (!status) find_walked(&job, w->walked);

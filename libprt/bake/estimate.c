@@ -33,8 +33,8 @@ enum { TRAIN_REFLECTANCE = 28, TRAIN_EXTINCTION = 10 };
 static const double PROGRAM = 46e6; // code and data of the program and its libraries
 static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
 static const double MARGIN = 1.1;
-enum { EXIT_SUPPORTS = 9000, EXIT_LIGHT = 6 * 8 * 8 }; // of view.c
-enum { DRAFT_SUPPORTS = 2500, DRAFT_LIGHT = 6 * 16 * 16, DRAFT_RANK = 16 };
+enum { EXIT_SUPPORTS = 9000, EXIT_LIGHT = 6 * 8 * 8 };                      // of view.c
+enum { DRAFT_SUPPORTS = 2500, DRAFT_LIGHT = 6 * 16 * 16, DRAFT_RANK = 16 }; // of view.c
 
 int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {

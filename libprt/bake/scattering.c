@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Which scattering a bake takes where nobody chose: walks where they hold their bounds and are
-// not too slow (METHODS §9).
+// The default scattering of a bake: walks where their errors are within their bounds and they
+// are not too slow (METHODS §9).
 #include "bake/run.h"
 #include "prt/walk.h"
 

@@ -6,8 +6,8 @@
 
 // Supports and texels across a face of their light. Bunny of 35k vertices: METHODS §3.6.
 static const uint32_t most_supports = 9000, light_across = 8;
-// Most columns of a cluster. 24 leave .7 % more of error; packing drops what is not worth its
-// bytes.
+// Most columns of a cluster. With 24 the error is .7 % larger; packing drops columns whose
+// energy is not worth their bytes.
 static const uint32_t view_rank = 64;
 static const uint32_t draft_supports = 2500, draft_rank = 16; // chosen
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Weights of transport at nodes of eta (METHODS §5, any index). Multiple scattering knows eta
-// by F_t alone; single scattering also by the path's length below the exit.
+// Weights of transport at nodes of eta (METHODS §5, any index). Multiple scattering depends on
+// eta through F_t alone; single scattering also through the path's length below the exit.
 #include "prt/eta_nodes.h"
 
 #include <lapacke.h>

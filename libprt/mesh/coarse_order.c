@@ -37,7 +37,7 @@ static float distance2(const float a[3], const float b[3])
     return sum;
 }
 
-// Pairs each vertex with its nearest undecided neighbour, which leaves the set.
+// Pairs each vertex with its nearest undecided neighbour, which is removed from the set.
 static uint32_t pair_vertices(struct coarsening *c)
 {
     const float(*position)[3] = (const float(*)[3])c->mesh->position;

@@ -278,7 +278,7 @@ static int smooth_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// ---- what is said about it
+// ---- report
 
 static void measure(const struct ratio_point *point, uint32_t n,
                     struct prt_walk_ratio_report *report)

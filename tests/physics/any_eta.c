@@ -15,6 +15,7 @@
 
 #include "bodies.h"
 #include "expect.h"
+#include "lamp_light.h"
 #include "prt/bake.h"
 #include "prt/eta_nodes.h"
 #include "prt/media.h"
@@ -30,20 +31,6 @@ static struct prt_file *any; // a bake of skin1, for any eta
 static void keep_line(void *user, enum prt_log_level level, const char *line)
 {
     if (level == PRT_LOG_ERROR) snprintf(last_line, sizeof last_line, "%s", line);
-}
-
-// A dim sky with a lamp above and to the right.
-static void make_light(void)
-{
-    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
-    for (uint32_t i = 0; i < 6 * 256; i++) {
-        float d[3];
-        prt_cube_direction(i / 256, (2 * (i % 16) + 1) / 16.0 - 1,
-                           (2 * (i / 16 % 16) + 1) / 16.0 - 1, d);
-        const bool lamp = d[0] * 0.5f + d[1] * 0.7f + d[2] * 0.5f > 0.93f;
-        for (uint32_t c = 0; c < 3; c++)
-            light.texel[3 * i + c] = 0.3f + 0.2f * d[1] + (lamp ? 20 - 3.0f * (float)c : 0);
-    }
 }
 
 static struct prt_material medium_of(float eta)
@@ -212,7 +199,7 @@ static int begin_test(void **state)
     model_init(&m, 2000, 4000);
     add_ball(&m, 20, 12, 12, dented_ball);
     mesh = body_mesh(&context, &m, false);
-    make_light();
+    lamp_light(&light);
     const struct prt_material skin = medium_of(1.3f);
     const struct prt_bake_options o = settings(&skin);
     snprintf(path, sizeof path, "%s/any.prt", folder);

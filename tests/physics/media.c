@@ -15,6 +15,7 @@
 
 #include "bodies.h"
 #include "expect.h"
+#include "lamp_light.h"
 #include "prt/bake.h"
 #include "prt/media.h"
 #include "prt/reference.h"
@@ -61,18 +62,9 @@ static void make_balls(void)
     begin[1] = n_vertex, begin[2] = mesh->n_vertex;
 }
 
-// A dim sky with a lamp above and to the right.
 static void make_light(void)
 {
-    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
-    for (uint32_t i = 0; i < 6 * 256; i++) {
-        float d[3];
-        prt_cube_direction(i / 256, (2 * (i % 16) + 1) / 16.0 - 1,
-                           (2 * (i / 16 % 16) + 1) / 16.0 - 1, d);
-        const bool lamp = d[0] * 0.5f + d[1] * 0.7f + d[2] * 0.5f > 0.93f;
-        for (uint32_t c = 0; c < 3; c++)
-            light.texel[3 * i + c] = 0.3f + 0.2f * d[1] + (lamp ? 20 - 3.0f * (float)c : 0);
-    }
+    lamp_light(&light);
     env = (struct prt_env){.kind = PRT_ENV_CUBE, .cube = light};
 }
 

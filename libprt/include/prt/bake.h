@@ -130,7 +130,7 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
 int prt_bake_seconds(const struct prt_context *ctx, const struct prt_mesh *mesh,
                      const struct prt_bake_options *options, double *cpu_s, double *once_s);
 
-/* The scattering that serves a mesh best where nobody chose: walks where every translucent
+/* The default scattering of a mesh: walks where every translucent
  * object encloses a volume, where bakes by walks keep their bounds (wavelet transport with
  * factored storage, no draft, no profiles; METHODS §9), and where they are estimated to take at
  * most three times the time; else the dipole. options: scattering is not read. why: the reason

@@ -240,8 +240,8 @@ bool prt_mesh_cameras_ok(const struct prt_mesh *mesh);
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
 /* [n_vertex] block index of each vertex; NULL without memory; the caller prt_free()s. */
 uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh);
-/* The vertices in an order whose prefixes, down to n_root, are coarser sets of them. What is
- * left out of a prefix is the mean of its two parents, which come before it in the order. A
+/* The vertices in an order whose prefixes, down to n_root, are coarser sets of them. A
+ * vertex behind the prefix is the mean of its two parents, which come before it in the order. A
  * block's vertices have parents of that block. */
 struct prt_coarse_order {
     uint32_t n, n_root;

@@ -18,7 +18,7 @@ extern "C" {
 /* The walks that W counts. */
 enum prt_walk_share {
     PRT_WALK_MULTIPLE, /* of two scatterings or more: what `multiple` is (METHODS §9) */
-    PRT_WALK_ALL,      /* all, unscattered and single scattering included: what leaves */
+    PRT_WALK_ALL,      /* all, unscattered and single scattering included */
     PRT_WALK_SHARES
 };
 
@@ -61,7 +61,7 @@ const float (*prt_walk_ratio_vertices(const struct prt_walk_ratio *ratio,
 void prt_walk_ratio_at(const struct prt_walk_ratio *ratio, enum prt_walk_share share,
                        uint32_t triangle, float u, float v, float out[3]);
 
-/* What the dipole costs under even light, by the ratio's points: its exitance D against W of
+/* The dipole's error under even light, at the ratio's points: its exitance D against W of
  * PRT_WALK_MULTIPLE. */
 struct prt_dipole_error {
     uint32_t n_point;   /* that were walked in the medium; 0: none, and all else is 0 */

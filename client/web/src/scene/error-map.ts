@@ -67,7 +67,7 @@ export function isByWalks(settings: string): boolean {
   }
 }
 
-/** What ModelInfo.errors says of the dipole; null: nobody compared it with walks. */
+/** The dipole's error in ModelInfo.errors; null: the bake was not compared with walks. */
 export function dipoleErrorOf(errors: string, nVertex: number): DipoleError | null {
   const { places, dipole } = parse(errors);
   const at = placesWith(places?.vertex, dipole?.ratio, nVertex, -1);

@@ -238,7 +238,7 @@ export class Viewer {
   get errorPlaces(): ErrorPlaces | null {
     return this.measured().places;
   }
-  /** Where the dipole errs; null: nobody compared it with walks. */
+  /** Where the dipole errs; null: the bake was not compared with walks. */
   get dipoleError(): DipoleError | null {
     return this.measured().dipole;
   }

@@ -61,7 +61,7 @@ function dipoleText(): string {
   const dipole = viewer?.dipoleError;
   if (!dipole)
     return (
-      "Nobody compared the dipole with random walks in this model: its medium is free, its surface " +
+      "The dipole was not compared with random walks in this model: its medium is free, its surface " +
       "is open, or it has no bake."
     );
   return (
