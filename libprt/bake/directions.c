@@ -15,6 +15,17 @@ static double density(double s, double t)
 // A cosine of 0.16. Chosen with the horizon: the two change rows by 0.2 %.
 static const float faint_light = 0.04f;
 
+// The sub-sample of texel i of a packet is (turn + i) & 3, as in texel_ray.
+static float *slopes_of(const struct directions *d, unsigned pattern, unsigned turn)
+{
+    return d->slope + ((size_t)pattern * SUBS + turn) * 2 * d->n_coef;
+}
+
+const float *prt_direction_slopes(const struct directions *d, unsigned pattern)
+{
+    return slopes_of(d, pattern % d->n_pattern, pattern >> 6 & 3);
+}
+
 static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet, unsigned face,
                         uint32_t bx, uint32_t by, struct prt_rng *rng)
 {
@@ -32,6 +43,9 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
             d->x[at] = dir[0], d->y[at] = dir[1], d->z[at] = dir[2];
             d->weight[at] = (float)density(s, t);
             sum += density(s, t);
+            float *slope = slopes_of(d, pattern, (sub - texel) & 3);
+            slope[d->texel[packet * 4 + texel]] = (float)s;
+            slope[d->n_coef + d->texel[packet * 4 + texel]] = (float)t;
         }
         for (unsigned sub = 0; sub < SUBS; sub++) d->weight[at - SUBS + sub] /= (float)sum;
     }
@@ -54,7 +68,9 @@ int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t
     d->texel = prt_alloc((size_t)d->n_packet * 4, 4);
     d->solid_angle = prt_alloc(d->n_coef, 4);
     d->bin = prt_alloc(d->n_coef, sizeof *d->bin);
-    if (!d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle || !d->bin) {
+    d->slope = prt_alloc(2 * rays, 4);
+    if (!d->slope || !d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle ||
+        !d->bin) {
         prt_directions_destroy(d);
         return PRT_NOMEM;
     }
@@ -82,6 +98,7 @@ void prt_directions_destroy(struct directions *d)
     prt_free(d->texel);
     prt_free(d->solid_angle);
     prt_free(d->bin);
+    prt_free(d->slope);
     free(d);
 }
 

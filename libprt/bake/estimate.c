@@ -174,7 +174,7 @@ static double packed(const struct demand *d, enum prt_term term, double function
 
 static double horizon(const struct demand *d)
 {
-    return d->vertices * (2 * HORIZON_WORDS * 8 + 1);
+    return d->vertices * (2.0 * prt_horizon_words((uint32_t)d->vertices) * 8 + 1);
 }
 
 // A thread's arrays of single scattering: cells of a cluster's vertices (cells.c), its rays.
@@ -242,6 +242,7 @@ static double stages(struct demand *d, double rows)
     if (o->scattering == PRT_SCATTERING_WALK && !joint)
         lit = (d->samples + d->nodes) * probes * 4;
     double first = rows + horizon(d), second, third = 0;
+    if (!o->no_single) rows += horizon(d); // held until single scattering is there
     if (sparse) {
         second = rows + lit + sparse_bytes(d, multiple) +
                  d->threads * (sparse_scratch(d, multiple, columns) + walk_bytes(d));

@@ -11,42 +11,57 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDE = HORIZON_WIDE, BINS = 6 * WIDE * WIDE, WORDS = HORIZON_WORDS };
 enum { EMPTY, TRACED };
+// The bins of a large mesh are 2 x 2 of a small one's.
+enum { COARSE_WIDE = HORIZON_WIDE / 2, COARSE_WORDS = HORIZON_WORDS / 4 };
+static const uint32_t most_fine_vertices = 150000; // 230 MB of fine bins
 
+// Bins of a cubemap's faces, wide x wide each.
+struct bins {
+    unsigned wide, n;
+    float direction[6 * HORIZON_WIDE * HORIZON_WIDE][3];
+    uint16_t around[6 * HORIZON_WIDE * HORIZON_WIDE][8]; // the bins that touch one
+};
 struct horizon {
     const struct prt_scene *scene;
-    // [n_vertex] filled on first use: bins that are visible with all their neighbours, and bins
-    // that are blocked with them.
-    _Atomic uint64_t (*visible)[WORDS], (*blocked)[WORDS];
+    unsigned words; // of a vertex
+    // [n_vertex][words] filled on first use: bins that are visible with all their neighbours,
+    // and bins that are blocked with them.
+    struct certain {
+        _Atomic uint64_t visible, blocked;
+    } * certain;
     _Atomic uint8_t *state; // [n_vertex]
-    float direction[BINS][3];
-    uint16_t around[BINS][8]; // the bins that touch one
+    struct bins fine, coarse;
+    uint16_t parent[6 * HORIZON_WIDE * HORIZON_WIDE]; // the coarse bin that holds a fine one
 };
 
 // Triangles longer than this share of the box may hide something between their corners. Chosen,
 // not measured.
 static const double widest = 0.02;
 
-static void init_bins(struct horizon *h)
+static void init_bins(struct bins *bins, unsigned wide)
 {
-    for (unsigned b = 0; b < BINS; b++) {
-        unsigned face = b / (WIDE * WIDE), x = b % WIDE, y = b / WIDE % WIDE, k = 0;
+    bins->wide = wide, bins->n = 6 * wide * wide;
+    for (unsigned b = 0; b < bins->n; b++) {
+        unsigned face = b / (wide * wide), x = b % wide, y = b / wide % wide, k = 0;
         for (int dy = -1; dy <= 1; dy++)
             for (int dx = -1; dx <= 1; dx++) {
                 float dir[3], s, t;
                 unsigned to;
-                prt_cube_direction(face, 2 * ((int)x + dx + 0.5) / WIDE - 1,
-                                   2 * ((int)y + dy + 0.5) / WIDE - 1, dir);
+                prt_cube_direction(face, 2 * ((int)x + dx + 0.5) / wide - 1,
+                                   2 * ((int)y + dy + 0.5) / wide - 1, dir);
                 if (!dx && !dy) {
-                    memcpy(h->direction[b], dir, sizeof dir);
+                    memcpy(bins->direction[b], dir, sizeof dir);
                     continue;
                 }
                 prt_cube_lookup(dir, &to, &s, &t);
-                int u = (int)((s + 1) * 0.5f * WIDE), v = (int)((t + 1) * 0.5f * WIDE);
-                u = u < 0 ? 0 : u >= WIDE ? WIDE - 1 : u;
-                v = v < 0 ? 0 : v >= WIDE ? WIDE - 1 : v;
-                h->around[b][k++] = (uint16_t)((to * WIDE + (unsigned)v) * WIDE + (unsigned)u);
+                int last = (int)wide - 1;
+                int u = (int)((s + 1) * 0.5f * (float)wide);
+                int v = (int)((t + 1) * 0.5f * (float)wide);
+                u = u < 0 ? 0 : u > last ? last : u;
+                v = v < 0 ? 0 : v > last ? last : v;
+                bins->around[b][k++] =
+                    (uint16_t)((to * wide + (unsigned)v) * wide + (unsigned)u);
             }
     }
 }
@@ -68,20 +83,30 @@ static void skip_wide(struct horizon *h, const struct prt_mesh *mesh)
         }
 }
 
+uint32_t prt_horizon_words(uint32_t n_vertex)
+{
+    return n_vertex > most_fine_vertices ? COARSE_WORDS : HORIZON_WORDS;
+}
+
 int prt_horizon_create(const struct prt_scene *scene, struct horizon **out)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(scene);
     struct horizon *h = calloc(1, sizeof *h);
     if (!h) return PRT_NOMEM;
     h->scene = scene;
-    h->visible = prt_calloc(mesh->n_vertex, sizeof *h->visible);
-    h->blocked = prt_calloc(mesh->n_vertex, sizeof *h->blocked);
+    h->words = prt_horizon_words(mesh->n_vertex);
+    h->certain = prt_calloc(mesh->n_vertex, h->words * sizeof *h->certain);
     h->state = prt_calloc(mesh->n_vertex, sizeof *h->state);
-    if (!h->visible || !h->blocked || !h->state) {
+    if (!h->certain || !h->state) {
         prt_horizon_destroy(h);
         return PRT_NOMEM;
     }
-    init_bins(h);
+    init_bins(&h->fine, HORIZON_WIDE);
+    init_bins(&h->coarse, COARSE_WIDE);
+    for (unsigned b = 0; b < h->fine.n; b++) {
+        unsigned x = b % HORIZON_WIDE / 2, row = b / HORIZON_WIDE / 2;
+        h->parent[b] = (uint16_t)(row * COARSE_WIDE + x);
+    }
     skip_wide(h, mesh);
     *out = h;
     return PRT_OK;
@@ -90,28 +115,35 @@ int prt_horizon_create(const struct prt_scene *scene, struct horizon **out)
 void prt_horizon_destroy(struct horizon *h)
 {
     if (!h) return;
-    prt_free(h->visible);
-    prt_free(h->blocked);
+    prt_free(h->certain);
     prt_free(h->state);
     free(h);
 }
 
-static inline bool has(const uint64_t set[WORDS], unsigned bin)
+static inline bool has(const uint64_t *set, unsigned bin)
 {
     return set[bin / 64] >> bin % 64 & 1;
 }
 
-// A bin below the tangent plane carries no light and agrees with blocked neighbours. A gap
-// below the centres of the lowest bins, less than 4 degrees above the plane, is therefore
-// missed; its light arrives at a cosine below 0.07. Two threads may trace one vertex at the
-// same time: both write the same bits.
-static void trace_vertex(struct horizon *h, uint32_t vertex)
+static inline void add(uint64_t *set, unsigned bin, bool value)
+{
+    set[bin / 64] |= (uint64_t)value << bin % 64;
+}
+
+// What is known of a vertex's bins at one size.
+struct sight {
+    uint64_t open[HORIZON_WORDS], hit[HORIZON_WORDS]; // by the ray through the bin's centre
+    uint64_t visible[HORIZON_WORDS], blocked[HORIZON_WORDS];
+};
+
+// Casts a ray through the centre of each bin of `wanted` (NULL: all) above the tangent plane.
+static void cast_centres(const struct horizon *h, const struct bins *bins, uint32_t vertex,
+                         const uint64_t *wanted, struct sight *out)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(h->scene);
     const float *p = mesh->position[vertex], *n = mesh->normal[vertex];
+    const unsigned wide = bins->wide;
     float eps = prt_scene_epsilon(h->scene);
-    uint64_t open[WORDS] = {0}, hit[WORDS] = {0}; // by the ray through the bin's centre
-    uint64_t visible[WORDS] = {0}, blocked[WORDS] = {0};
     uint16_t bin[16];
     struct prt_packet packet;
     uint32_t fill = 0;
@@ -121,56 +153,108 @@ static void trace_vertex(struct horizon *h, uint32_t vertex)
         packet.tnear[i] = 0, packet.tfar[i] = INFINITY;
         packet.dx[i] = 1, packet.dy[i] = packet.dz[i] = 0;
     }
-    for (unsigned b = 0; b <= BINS; b++) {
-        if (b < BINS) {
+    for (unsigned b = 0; b <= bins->n; b++) {
+        if (b < bins->n) {
             // Squares of 4 x 4 bins, so that the rays of a packet have similar directions.
-            unsigned i = b % 16, tile = b / 16 % (WIDE * WIDE / 16);
-            unsigned x = tile % (WIDE / 4) * 4 + (i & 3), y = tile / (WIDE / 4) * 4 + (i >> 2);
-            unsigned at = (b / (WIDE * WIDE) * WIDE + y) * WIDE + x;
-            const float *d = h->direction[at];
+            unsigned i = b % 16, tile = b / 16 % (wide * wide / 16);
+            unsigned x = tile % (wide / 4) * 4 + (i & 3), y = tile / (wide / 4) * 4 + (i >> 2);
+            unsigned at = (b / (wide * wide) * wide + y) * wide + x;
+            const float *d = bins->direction[at];
+            if (wanted && !has(wanted, at)) continue;
             if (n[0] * d[0] + n[1] * d[1] + n[2] * d[2] <= 0) continue;
             packet.dx[fill] = d[0], packet.dy[fill] = d[1], packet.dz[fill] = d[2];
             bin[fill++] = (uint16_t)at;
         }
-        if (!fill || (fill < 16 && b < BINS)) continue;
+        if (!fill || (fill < 16 && b < bins->n)) continue;
         uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
         uint32_t lanes = prt_scene_occluded16(h->scene, &packet, mask);
-        for (uint32_t i = 0; i < fill; i++) {
-            uint64_t bit = 1ull << bin[i] % 64;
-            if (lanes >> i & 1) hit[bin[i] / 64] |= bit;
-            else open[bin[i] / 64] |= bit;
-        }
+        for (uint32_t i = 0; i < fill; i++)
+            add(lanes >> i & 1 ? out->hit : out->open, bin[i], 1);
         fill = 0;
     }
-    for (unsigned b = 0; b < BINS; b++) {
-        bool all_open = has(open, b), none_open = has(hit, b);
+}
+
+// A bin below the tangent plane carries no light and agrees with blocked neighbours. A gap
+// below the centres of the lowest bins, less than half a bin above the plane, is therefore
+// missed; its light arrives at a cosine below 0.07 where bins are coarse.
+static void agree(const struct bins *bins, const uint64_t *wanted, struct sight *s)
+{
+    for (unsigned b = 0; b < bins->n; b++) {
+        if (wanted && !has(wanted, b)) continue;
+        bool all_open = has(s->open, b), none_open = has(s->hit, b);
         for (int k = 0; k < 8; k++) {
-            all_open &= has(open, h->around[b][k]);
-            none_open &= !has(open, h->around[b][k]);
+            all_open &= has(s->open, bins->around[b][k]);
+            none_open &= !has(s->open, bins->around[b][k]);
         }
-        visible[b / 64] |= (uint64_t)all_open << b % 64;
-        blocked[b / 64] |= (uint64_t)none_open << b % 64;
+        add(s->visible, b, all_open);
+        add(s->blocked, b, none_open);
     }
-    for (int k = 0; k < WORDS; k++) {
-        atomic_store_explicit(&h->visible[vertex][k], visible[k], memory_order_relaxed);
-        atomic_store_explicit(&h->blocked[vertex][k], blocked[k], memory_order_relaxed);
+}
+
+// The fine bins of coarse ones that are not certain are cast, the others taken as they are.
+static void refine(const struct horizon *h, uint32_t vertex, const struct sight *coarse,
+                   struct sight *out)
+{
+    uint64_t wanted[HORIZON_WORDS] = {0};
+    memset(out, 0, sizeof *out);
+    for (unsigned b = 0; b < h->fine.n; b++) {
+        bool visible = has(coarse->visible, h->parent[b]);
+        bool blocked = has(coarse->blocked, h->parent[b]);
+        add(out->visible, b, visible), add(out->open, b, visible);
+        add(out->blocked, b, blocked), add(out->hit, b, blocked);
+        add(wanted, b, !visible && !blocked);
+    }
+    cast_centres(h, &h->fine, vertex, wanted, out);
+    agree(&h->fine, wanted, out);
+}
+
+// Two threads may trace one vertex at the same time: both write the same bits.
+static void trace_vertex(struct horizon *h, uint32_t vertex)
+{
+    struct sight coarse = {0}, fine;
+    const struct sight *found = &coarse;
+    cast_centres(h, &h->coarse, vertex, NULL, &coarse);
+    agree(&h->coarse, NULL, &coarse);
+    if (h->words == HORIZON_WORDS) {
+        refine(h, vertex, &coarse, &fine);
+        found = &fine;
+    }
+    const size_t at = (size_t)vertex * h->words;
+    for (unsigned k = 0; k < h->words; k++) {
+        struct certain *to = &h->certain[at + k];
+        atomic_store_explicit(&to->visible, found->visible[k], memory_order_relaxed);
+        atomic_store_explicit(&to->blocked, found->blocked[k], memory_order_relaxed);
     }
     atomic_store_explicit(&h->state[vertex], TRACED, memory_order_release);
+}
+
+static void want_vertex(struct horizon *h, uint32_t vertex)
+{
+    if (atomic_load_explicit(&h->state[vertex], memory_order_acquire) == EMPTY)
+        trace_vertex(h, vertex);
 }
 
 int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
 {
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
     uint64_t visible = 1, blocked = 1;
-    for (int k = 0; k < 3; k++) {
-        if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
-            trace_vertex(h, v[k]);
-        visible &=
-            atomic_load_explicit(&h->visible[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
-        blocked &=
-            atomic_load_explicit(&h->blocked[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+    if (h->words != HORIZON_WORDS) bin = h->parent[bin];
+    for (int k = 0; k < 3 && (visible || blocked); k++) {
+        want_vertex(h, v[k]);
+        const struct certain *at = &h->certain[(size_t)v[k] * h->words + bin / 64];
+        visible &= atomic_load_explicit(&at->visible, memory_order_relaxed) >> bin % 64;
+        blocked &= atomic_load_explicit(&at->blocked, memory_order_relaxed) >> bin % 64;
     }
     return (int)visible - (int)blocked;
+}
+
+// Coarse bins as fine ones.
+static void spread(const struct horizon *h, uint64_t set[HORIZON_WORDS])
+{
+    uint64_t coarse[COARSE_WORDS];
+    memcpy(coarse, set, sizeof coarse);
+    memset(set, 0, HORIZON_WORDS * sizeof *set);
+    for (unsigned b = 0; b < h->fine.n; b++) add(set, b, has(coarse, h->parent[b]));
 }
 
 void prt_horizon_view(struct horizon *h, uint32_t triangle, struct horizon_view *view)
@@ -178,13 +262,15 @@ void prt_horizon_view(struct horizon *h, uint32_t triangle, struct horizon_view 
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
     memset(view, 0xff, sizeof *view);
     for (int k = 0; k < 3; k++) {
-        if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
-            trace_vertex(h, v[k]);
-        for (int w = 0; w < WORDS; w++) {
-            view->visible[w] &=
-                atomic_load_explicit(&h->visible[v[k]][w], memory_order_relaxed);
-            view->blocked[w] &=
-                atomic_load_explicit(&h->blocked[v[k]][w], memory_order_relaxed);
+        want_vertex(h, v[k]);
+        const size_t at = (size_t)v[k] * h->words;
+        for (unsigned w = 0; w < h->words; w++) {
+            const struct certain *from = &h->certain[at + w];
+            view->visible[w] &= atomic_load_explicit(&from->visible, memory_order_relaxed);
+            view->blocked[w] &= atomic_load_explicit(&from->blocked, memory_order_relaxed);
         }
     }
+    if (h->words == HORIZON_WORDS) return;
+    spread(h, view->visible);
+    spread(h, view->blocked);
 }

@@ -230,7 +230,6 @@ void prt_half_rows_finish(struct half_rows *rows)
 struct pass_one {
     struct irradiance_source from;
     struct fresnel_table *fresnel; // [media->n], or of the nodes of eta
-    struct horizon *horizon;       // or NULL: every ray is cast
     struct half_rows *rows;
     atomic_uint_fast64_t rays;
 };
@@ -244,10 +243,10 @@ static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view
         from[k] = p->from.surface->position[s][k] + eps * p->from.surface->face_normal[s][k];
         down[k] = -p->from.surface->face_normal[s][k];
     }
-    if (!p->horizon ||
+    if (!p->from.horizon ||
         !prt_scene_intersect(p->from.scene, from, down, 0, 2 * eps, &t, &triangle, &u, &v))
         return false;
-    prt_horizon_view(p->horizon, triangle, view);
+    prt_horizon_view(p->from.horizon, triangle, view);
     return true;
 }
 
@@ -364,13 +363,14 @@ static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Whether the horizon's rays, one a bin of the upper hemisphere of each vertex, are few beside
-// the samples' own.
-static bool horizon_pays(const struct irradiance_source *from)
+// Rays of a vertex's horizon: one for each coarse bin above its plane, and for a third of the
+// fine ones (the bunny).
+static const double horizon_rays = 0.5 * 6 * 16 * 16 + 1000;
+
+bool prt_irradiance_horizon_pays(const struct directions *d, const struct prt_scene *scene,
+                                 uint32_t n_sample)
 {
-    const struct directions *d = from->directions;
-    double vertices = prt_scene_mesh(from->scene)->n_vertex, n_sample = from->surface->n_sample;
-    double horizon = 0.5 * 6 * HORIZON_WIDE * HORIZON_WIDE * vertices;
+    double horizon = horizon_rays * prt_scene_mesh(scene)->n_vertex;
     double samples = 0.5 * SUBS * d->n_coef * n_sample;
     return horizon < 0.5 * samples * (d->faint < 1 ? 1 : 1.0 / SUBS);
 }
@@ -409,8 +409,6 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
         prt_half_rows_finish(out);
         return PRT_NOMEM;
     }
-    if (horizon_pays(from)) // without memory for it every ray is cast
-        (void)prt_horizon_create(from->scene, &p.horizon);
     status = prt_parallel_for(ctx, "irradiance", n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);
@@ -421,7 +419,6 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
         if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + n_coef);
     prt_free(scratch);
     prt_work_end(from->work, WORK_NODES, started, 0, 0);
-    prt_horizon_destroy(p.horizon);
     prt_free(p.fresnel);
     *rays = atomic_load(&p.rays);
     if (status) prt_half_rows_finish(out);

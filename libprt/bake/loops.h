@@ -12,6 +12,7 @@ struct bake_loops {
                         struct prt_packet *packet, float *value, float *share);
     void (*refract)(const struct prt_packet *packet, const struct corners *corner, float eta,
                     struct lanes *out);
+    void (*steps)(const float *value, uint32_t wide, float *step);
     void (*subdivide)(const struct knots *k, uint32_t n_node, uint32_t substeps,
                       float out[PATH_POINTS][PATH_TILE]);
     void (*integrate_isotropic)(const struct path *path, float sigma_t, float factor, float end,

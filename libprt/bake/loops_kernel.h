@@ -63,6 +63,29 @@ static void PRT_KERNEL(refract)(const struct prt_packet *packet, const struct co
     }
 }
 
+// The most that each cell differs from its neighbours on its face; 6 faces of wide x wide.
+static void PRT_KERNEL(steps)(const float *restrict value, uint32_t wide, float *restrict step)
+{
+    for (uint32_t row = 0; row < 6 * wide; row++) {
+        const uint32_t y = row % wide;
+        const float *v = value + (size_t)row * wide;
+        const float *up = y ? v - wide : v, *down = y + 1 < wide ? v + wide : v;
+        float *out = step + (size_t)row * wide;
+        for (uint32_t x = 0; x < wide; x++) {
+            float a = fabsf(v[x] - up[x]), b = fabsf(v[x] - down[x]);
+            out[x] = a > b ? a : b;
+        }
+        for (uint32_t x = 1; x < wide; x++) {
+            float a = fabsf(v[x] - v[x - 1]);
+            out[x] = a > out[x] ? a : out[x];
+        }
+        for (uint32_t x = 0; x + 1 < wide; x++) {
+            float a = fabsf(v[x] - v[x + 1]);
+            out[x] = a > out[x] ? a : out[x];
+        }
+    }
+}
+
 /* ---- paths ---- */
 
 // Slope at a point between two chords of a monotone cubic (FC80).
@@ -296,6 +319,7 @@ static void PRT_KERNEL(raise_share)(const float *x, float scale, float *share, u
 static const struct bake_loops PRT_KERNEL(loops) = {
     .prepare = PRT_KERNEL(prepare),
     .refract = PRT_KERNEL(refract),
+    .steps = PRT_KERNEL(steps),
     .subdivide = PRT_KERNEL(subdivide),
     .integrate_isotropic = PRT_KERNEL(integrate_isotropic),
     .integrate_radial = PRT_KERNEL(integrate_radial),

@@ -4,7 +4,7 @@
 #ifndef PRT_BAKE_PATH_H
 #define PRT_BAKE_PATH_H
 
-#include "bake/stages.h"
+#include "bake/cube_draw.h"
 
 #include <math.h>
 
@@ -26,12 +26,15 @@ struct scratch {
     float *uncertain[SINGLE_MAX_NODES]; /* [n_coef/4] most light that unknown visibility of a
                                          * block may hide; 0: visibility is certain */
     float *coarse[SINGLE_MAX_NODES];    /* [n_coef/16] light through a tile of 2 x 2 blocks */
-    float *fine[SINGLE_MAX_NODES];      /* [n_coef/16] 1: every block of the tile was traced */
+    float *step[SINGLE_MAX_NODES]; /* [n_coef/4] most that a block, or before a tile, differs
+                                    * from its neighbours */
+    float *fine[SINGLE_MAX_NODES]; /* [n_coef/16] 1: every block of the tile was traced */
     /* Cells: directions that share the rays of every node, integrated once. */
     uint32_t *cell;  /* [n_coef] cell of each texel */
     uint32_t *first; /* [n_cell] a texel of each cell; NULL: every direction is a cell */
     uint8_t *split;  /* [n_coef/4] 1: the block's texels were traced apart at some node */
     float *y;        /* [PATH_MAX_PHASE] SH of one direction */
+    struct draw_room draw;
 };
 
 /* e^-x for x >= 0, relative error 1e-5. It has no branch, nor a choice that the compiler turns

@@ -10,11 +10,13 @@
 #include <string.h>
 
 // Floats of one direction: the exits of the nodes at each index, the values that compare them
-// (value and uncertain 1/4 each, coarse and fine 1/16 each), and cosine, cell, first and split.
+// (value, uncertain and step 1/4 each, coarse and fine 1/16 each), and cosine, cell, first and
+// split.
 size_t prt_single_scratch_bytes(const struct single_plan *plan)
 {
-    const size_t arrays = SINGLE_MAX_NODES * (5 * (size_t)plan->n_eta + 1) + 4;
-    return (arrays * plan->n_direction + 64) * sizeof(float);
+    const size_t arrays = SINGLE_MAX_NODES * (5 * (size_t)plan->n_eta + 2) + 4;
+    return (arrays * plan->n_direction + 64 + 16) * sizeof(float) +
+           prt_draw_bytes(plan->n_direction, SINGLE_MAX_NODES);
 }
 
 static void carve(const struct single_plan *plan, void *memory, struct scratch *s)
@@ -33,12 +35,15 @@ static void carve(const struct single_plan *plan, void *memory, struct scratch *
         s->uncertain[a] = at + n / 4;
         s->coarse[a] = at + n / 2;
         s->fine[a] = at + n / 2 + n / 4, at += n;
+        s->step[a] = at, at += n / 4;
     }
     s->cosine = at, at += n;
     s->cell = (uint32_t *)at, at += n;
     s->first = (uint32_t *)at, at += n;
     s->split = (uint8_t *)at, at += n;
     s->y = at;
+    size_t used = (size_t)((char *)(at + 64) - (char *)memory);
+    prt_draw_carve((char *)memory + (used + 63) / 64 * 64, n, SINGLE_MAX_NODES, &s->draw);
 }
 
 static float luminance(const float c[3])

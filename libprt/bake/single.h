@@ -13,13 +13,13 @@ struct lanes {
     float dir[3][16];        /* w_i', outward */
     float cosine[16];        /* w_i . n_i; 0: no exit */
 };
-/* Vertex normals of the triangles that 16 rays hit. */
-struct corners {
-    float n[3][3][16]; /* [corner][axis] */
-};
-/* Traces the lanes of mask from inside the body to their exits, out [plan->n_eta]: the rays do
- * not depend on eta. transmittance does not yet count occlusion beyond the exit. Returns the
- * lanes that leave the body. */
+/* The exits of the lanes of mask, rays from inside the body that found what they hit, out
+ * [plan->n_eta], since rays do not depend on eta. transmittance does not yet count occlusion
+ * beyond the exit. Returns the lanes that leave the body. */
+uint32_t prt_exits_of_hits(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           const struct prt_packet *packet, const struct corners *normals,
+                           uint32_t mask, struct lanes *out);
+/* The same for rays that are traced first. */
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                          struct prt_packet *packet, uint32_t mask, struct lanes *out);
 /* Lane i of `shadow` becomes the ray from lane j's exit onwards, eps [mm] off the triangle. */

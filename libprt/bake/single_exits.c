@@ -16,15 +16,13 @@ static void gather_corners(const struct prt_mesh *mesh, const struct prt_packet 
     }
 }
 
-uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                         struct prt_packet *packet, uint32_t mask, struct lanes *out)
+uint32_t prt_exits_of_hits(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           const struct prt_packet *packet, const struct corners *normals,
+                           uint32_t mask, struct lanes *out)
 {
-    struct corners corner;
     uint32_t leave = 0;
-    prt_scene_intersect16(plan->scene, packet, mask, false);
-    gather_corners(plan->mesh, packet, &corner);
     for (uint32_t b = 0; b < plan->n_eta; b++) {
-        prt_bake_loops(plan->cpu)->refract(packet, &corner, plan->eta[b], &out[b]);
+        prt_bake_loops(plan->cpu)->refract(packet, normals, plan->eta[b], &out[b]);
         for (int i = 0; i < 16; i++) {
             float transmittance = fresnel_table_eval(&fresnel[b], out[b].cosine[i]);
             out[b].transmittance[i] = out[b].cosine[i] > 0 ? transmittance : 0;
@@ -32,6 +30,15 @@ uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_ta
     }
     for (int i = 0; i < 16; i++) leave |= (uint32_t)(out->cosine[i] > 0) << i;
     return leave & mask;
+}
+
+uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                         struct prt_packet *packet, uint32_t mask, struct lanes *out)
+{
+    struct corners normals;
+    prt_scene_intersect16(plan->scene, packet, mask, false);
+    gather_corners(plan->mesh, packet, &normals);
+    return prt_exits_of_hits(plan, fresnel, packet, &normals, mask, out);
 }
 
 void prt_leave_body(const struct prt_packet *packet, uint32_t j, float eps,

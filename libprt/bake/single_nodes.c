@@ -3,7 +3,7 @@
 // each block of 2 x 2, then of every texel: the finer level only where neighbours differ.
 // Beyond the surface a ray is cast only where the horizon (horizon.c) does not certify the
 // direction.
-#include "bake/single.h"
+#include "bake/loops.h"
 
 #include <math.h>
 #include <string.h>
@@ -16,16 +16,34 @@ struct target {
     enum share share;
 };
 
-// Packets of one vertex that are being filled: rays to exits, and shadow rays beyond the exits.
+// Rays to exits that are being filled.
+struct batch {
+    struct prt_packet packet;
+    uint32_t fill;
+    struct target target[16];
+};
+// Directions of one node whose exit may be drawn.
+struct wishes {
+    uint32_t fill;
+    struct target target[16];
+    uint32_t ray[16];   // of directions->x
+    uint32_t texel[16]; // of the targets
+};
+
+// Packets of one vertex: directions whose exit may be drawn, rays that are traced, and shadow
+// rays beyond the exits.
 struct queue {
     const struct single_plan *plan;
     const struct fresnel_table *fresnel;
     struct scratch *s;
     float p[SINGLE_MAX_NODES][3];
     bool keep_directions, use_horizon;
-    struct prt_packet packet, shadow;
-    uint32_t fill, n_shadow;
-    struct target target[16], shadow_target[16];
+    const float *slope[SINGLE_MAX_NODES]; // of the sub-samples that node a takes
+    struct wishes wishes[SINGLE_MAX_NODES];
+    struct batch traced;
+    struct prt_packet shadow;
+    uint32_t n_shadow;
+    struct target shadow_target[16];
     uint64_t rays;
 };
 
@@ -65,12 +83,12 @@ static void flush_shadows(struct queue *q)
 }
 
 // Visibility beyond the exit of lane i: 1 visible, -1 blocked, 0 unknown.
-static int horizon_of(const struct queue *q, uint32_t i)
+static int horizon_of(const struct queue *q, const struct batch *b, uint32_t i)
 {
     const struct single_plan *plan = q->plan;
     if (!q->use_horizon || !plan->horizon) return 0;
-    return prt_horizon_bin(plan->horizon, q->packet.triangle[i],
-                           plan->directions->bin[q->target[i].texel]);
+    return prt_horizon_bin(plan->horizon, b->packet.triangle[i],
+                           plan->directions->bin[b->target[i].texel]);
 }
 
 // The index whose exits decide where finer rays are cast: the middle one.
@@ -81,11 +99,12 @@ static uint32_t deciding(const struct single_plan *plan)
 
 // Stores the exit of lane i at every index, lane [n_eta], and queues its shadow ray where
 // visibility is unknown.
-static void take_exit(struct queue *q, const struct lanes *lane, uint32_t i, bool leaves)
+static void take_exit(struct queue *q, const struct batch *from, const struct lanes *lane,
+                      uint32_t i, bool leaves)
 {
-    const struct target *to = &q->target[i];
+    const struct target *to = &from->target[i];
     uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
-    int certain = leaves ? horizon_of(q, i) : 1;
+    int certain = leaves ? horizon_of(q, from, i) : 1;
     for (uint32_t b = 0; b < q->plan->n_eta; b++) {
         struct exits *e = &q->s->of_eta[b][to->node];
         for (uint32_t j = 0; j < n; j++) {
@@ -99,35 +118,98 @@ static void take_exit(struct queue *q, const struct lanes *lane, uint32_t i, boo
         q->s->uncertain[to->node][to->block] =
             certain ? 0 : exp_minus(q->plan->weakest * path_mm);
     if (certain) return;
-    prt_leave_body(&q->packet, i, prt_scene_epsilon(q->plan->scene), &q->shadow, q->n_shadow);
+    prt_leave_body(&from->packet, i, prt_scene_epsilon(q->plan->scene), &q->shadow,
+                   q->n_shadow);
     q->shadow_target[q->n_shadow] = *to;
     if (++q->n_shadow == 16) flush_shadows(q);
 }
 
-static void flush_exits(struct queue *q)
+// Stores the exits of a batch's rays.
+static void take_batch(struct queue *q, struct batch *b, struct lanes lane[PRT_ETA_MOST_NODES],
+                       uint32_t leave)
+{
+    for (uint32_t i = 0; i < q->plan->n_eta; i++)
+        prt_fill_missed(&lane[i], out_of_reach(q->plan));
+    for (uint32_t i = 0; i < b->fill; i++) take_exit(q, b, lane, i, leave >> i & 1);
+    b->fill = 0;
+}
+
+static void flush_traced(struct queue *q)
 {
     struct lanes lane[PRT_ETA_MOST_NODES];
-    uint32_t mask = q->fill == 16 ? 0xffff : (1u << q->fill) - 1;
-    if (!q->fill) return;
-    for (uint32_t i = q->fill; i < 16; i++) {
-        q->packet.ox[i] = q->packet.oy[i] = q->packet.oz[i] = 0;
-        q->packet.dx[i] = 1, q->packet.dy[i] = q->packet.dz[i] = 0;
+    struct batch *b = &q->traced;
+    struct prt_packet *p = &b->packet;
+    uint32_t mask = b->fill == 16 ? 0xffff : (1u << b->fill) - 1;
+    if (!b->fill) return;
+    for (uint32_t i = 0; i < 16; i++) p->tnear[i] = 0, p->tfar[i] = q->plan->inward_mm;
+    for (uint32_t i = b->fill; i < 16; i++) {
+        p->ox[i] = p->oy[i] = p->oz[i] = 0;
+        p->dx[i] = 1, p->dy[i] = p->dz[i] = 0;
     }
-    for (uint32_t i = 0; i < 16; i++) {
-        q->packet.tnear[i] = 0;
-        q->packet.tfar[i] = q->plan->inward_mm;
+    q->rays += b->fill;
+    take_batch(q, b, lane, prt_trace_exits(q->plan, q->fresnel, p, mask, lane));
+}
+
+// Adds node a's ray `ray` of the directions to a batch.
+static void add_ray(const struct queue *q, uint32_t a, uint32_t ray,
+                    const struct target *target, struct batch *b)
+{
+    const struct directions *d = q->plan->directions;
+    struct prt_packet *p = &b->packet;
+    const uint32_t l = b->fill++;
+    p->ox[l] = q->p[a][0], p->oy[l] = q->p[a][1], p->oz[l] = q->p[a][2];
+    p->dx[l] = d->x[ray], p->dy[l] = d->y[ray], p->dz[l] = d->z[ray];
+    b->target[l] = *target;
+}
+
+static void trace_ray(struct queue *q, uint32_t a, uint32_t ray, const struct target *target)
+{
+    add_ray(q, a, ray, target, &q->traced);
+    if (q->traced.fill == 16) flush_traced(q);
+}
+
+// Looks for exits where node a's drawing shows them; the other rays are traced.
+static void flush_wishes(struct queue *q, uint32_t a)
+{
+    struct wishes *w = &q->wishes[a];
+    const struct single_plan *plan = q->plan;
+    const struct draw_room *room = &q->s->draw;
+    struct lanes lane[PRT_ETA_MOST_NODES];
+    struct corners normals;
+    struct batch drawn = {.fill = 0};
+    float all_t[16], t[16];
+    uint32_t all_at[16], at[16], hit = 0;
+    if (!w->fill) return;
+    for (uint32_t i = w->fill; i < 16; i++) w->texel[i] = w->texel[0];
+    uint32_t known =
+        prt_draw_look(plan->cpu, &room->drawing[a], q->slope[a], plan->directions->n_coef,
+                      w->texel, plan->inward_mm, all_t, all_at);
+    for (uint32_t i = 0; i < w->fill; i++) {
+        if (!(known >> i & 1)) {
+            trace_ray(q, a, w->ray[i], &w->target[i]);
+            continue;
+        }
+        const uint32_t l = drawn.fill;
+        t[l] = all_t[i], at[l] = all_at[i];
+        hit |= (uint32_t)(at[l] != UINT32_MAX) << l;
+        add_ray(q, a, w->ray[i], &w->target[i], &drawn);
     }
-    uint32_t leave = prt_trace_exits(q->plan, q->fresnel, &q->packet, mask, lane);
-    q->rays += q->fill;
-    for (uint32_t b = 0; b < q->plan->n_eta; b++)
-        prt_fill_missed(&lane[b], out_of_reach(q->plan));
-    for (uint32_t i = 0; i < q->fill; i++) take_exit(q, lane, i, leave >> i & 1);
-    q->fill = 0;
+    w->fill = 0;
+    if (!drawn.fill) return;
+    for (uint32_t i = drawn.fill; i < 16; i++) {
+        at[i] = UINT32_MAX, t[i] = 0;
+        drawn.packet.dx[i] = 1, drawn.packet.dy[i] = drawn.packet.dz[i] = 0;
+        drawn.packet.ox[i] = drawn.packet.oy[i] = drawn.packet.oz[i] = 0;
+    }
+    prt_draw_hits(plan->cpu, &room->near, &room->drawing[a], at, t, &drawn.packet, &normals);
+    take_batch(q, &drawn, lane,
+               prt_exits_of_hits(plan, q->fresnel, &drawn.packet, &normals, hit, lane));
 }
 
 static void finish_rays(struct queue *q)
 {
-    flush_exits(q);
+    for (uint32_t a = 0; a < q->plan->n_node; a++) flush_wishes(q, a);
+    flush_traced(q);
     flush_shadows(q);
 }
 
@@ -136,13 +218,17 @@ static void push(struct queue *q, uint32_t a, unsigned pattern, uint32_t block, 
                  enum share share)
 {
     const struct directions *d = q->plan->directions;
-    size_t at = texel_ray(d, pattern, block, i);
-    struct prt_packet *p = &q->packet;
-    uint32_t l = q->fill;
-    p->ox[l] = q->p[a][0], p->oy[l] = q->p[a][1], p->oz[l] = q->p[a][2];
-    p->dx[l] = d->x[at], p->dy[l] = d->y[at], p->dz[l] = d->z[at];
-    q->target[l] = (struct target){a, block, d->texel[(size_t)block * 4 + i], share};
-    if (++q->fill == 16) flush_exits(q);
+    const uint32_t ray = (uint32_t)texel_ray(d, pattern, block, i);
+    const struct target target = {a, block, d->texel[(size_t)block * 4 + i], share};
+    struct wishes *w = &q->wishes[a];
+    if (!q->slope[a]) {
+        trace_ray(q, a, ray, &target);
+        return;
+    }
+    w->texel[w->fill] = target.texel;
+    w->ray[w->fill] = ray;
+    w->target[w->fill] = target;
+    if (++w->fill == 16) flush_wishes(q, a);
 }
 
 uint64_t prt_trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
@@ -157,16 +243,6 @@ uint64_t prt_trace_every(const struct single_plan *plan, const struct fresnel_ta
         for (uint32_t i = 0; i < 4; i++) push(&q, 0, pattern, block, i, ONE);
     finish_rays(&q);
     return q.rays;
-}
-
-// Whether a cell differs from a neighbour on its face of `wide` cells by more than `most`.
-static bool differs(const float *value, uint32_t b, uint32_t wide, float most)
-{
-    uint32_t x = b % wide, y = b / wide % wide;
-    return (x && fabsf(value[b] - value[b - 1]) > most) ||
-           (x + 1 < wide && fabsf(value[b] - value[b + 1]) > most) ||
-           (y && fabsf(value[b] - value[b - wide]) > most) ||
-           (y + 1 < wide && fabsf(value[b] - value[b + wide]) > most);
 }
 
 // The k-th cell in squares of 4 x 4, so that the rays of a packet have similar directions.
@@ -275,15 +351,17 @@ static void trace_blocks(struct queue *q, const struct layout *l)
 {
     const struct single_plan *plan = q->plan;
     struct scratch *s = q->s;
-    for (uint32_t a = 0; a < l->n_node; a++)
+    for (uint32_t a = 0; a < l->n_node; a++) {
         for (uint32_t t = 0; t < l->n_tile; t++)
             s->coarse[a][t] =
                 attenuated(plan, &s->node[a], block_of(t, 0, l->wide), l->depth[a]);
+        prt_bake_loops(plan->cpu)->steps(s->coarse[a], l->wide, s->step[a]);
+    }
     for (uint32_t k = 0; k < l->n_tile; k++) {
         uint32_t t = tiled(k, l->wide);
         for (uint32_t a = 0; a < l->n_node; a++) {
             uint32_t own = chosen(l, t, a);
-            bool fine = differs(s->coarse[a], t, l->wide, plan->differ * l->rise[a]) ||
+            bool fine = s->step[a][t] > plan->differ * l->rise[a] ||
                         s->uncertain[a][own] > plan->uncertain * l->rise[a];
             s->fine[a][t] = fine;
             for (uint32_t j = 0; j < 4; j++) {
@@ -294,12 +372,14 @@ static void trace_blocks(struct queue *q, const struct layout *l)
         }
     }
     finish_rays(q);
-    for (uint32_t a = 0; a < l->n_node; a++)
+    for (uint32_t a = 0; a < l->n_node; a++) {
         for (uint32_t t = 0; t < l->n_tile; t++)
             for (uint32_t j = 0; s->fine[a][t] > 0 && j < 4; j++) {
                 uint32_t b = block_of(t, j, l->wide);
                 s->value[a][b] = attenuated(plan, &s->node[a], b, l->depth[a]);
             }
+        prt_bake_loops(plan->cpu)->steps(s->value[a], l->half, s->step[a]);
+    }
 }
 
 // A ray for each texel of the blocks that differ from their neighbours.
@@ -312,13 +392,28 @@ static void trace_texels(struct queue *q, const struct layout *l)
         uint32_t b = tiled(k, l->half), t = b / l->half / 2 * l->wide + b % l->half / 2;
         for (uint32_t a = 0; a < l->n_node; a++) {
             float most = q->plan->differ_texel * l->rise[a];
-            if (!(s->fine[a][t] > 0) || !differs(s->value[a], b, l->half, most)) continue;
+            if (!(s->fine[a][t] > 0) || !(s->step[a][b] > most)) continue;
             s->split[b] = 1;
             for (uint32_t i = 0; i < 4; i++)
                 if (i != ((b + l->pattern[a]) & 3)) push(q, a, l->pattern[a], b, i, ONE);
         }
     }
     finish_rays(q);
+}
+
+// Draws what the nodes see.
+static void draw_near(struct queue *q, const struct layout *l)
+{
+    const struct single_plan *plan = q->plan;
+    struct draw_room *room = &q->s->draw;
+    if (!plan->grid) return;
+    const float *middle = q->p[l->n_node / 2];
+    float deep = 0.5f * (l->depth[l->n_node - 1] - l->depth[0]);
+    prt_draw_gather(plan->grid, plan->mesh, middle, plan->inward_mm + 2 * deep, &room->near);
+    for (uint32_t a = 0; a < l->n_node; a++) {
+        prt_draw(plan->directions, l->pattern[a], q->p[a], a, room);
+        q->slope[a] = prt_direction_slopes(plan->directions, l->pattern[a]);
+    }
 }
 
 // Rays of all depths towards one tile are traced together: they hit the same triangles.
@@ -342,6 +437,7 @@ uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_ta
         l.pattern[a] = path->pattern + 65 * a; // 65: another jitter and another sub-sample
         for (int k = 0; k < 3; k++) q.p[a][k] = path->x[k] - l.depth[a] * path->out[k];
     }
+    draw_near(&q, &l);
     trace_tiles(&q, &l);
     trace_blocks(&q, &l);
     trace_texels(&q, &l);

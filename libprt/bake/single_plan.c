@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Depths and thresholds of single scattering (METHODS §3.5).
 #include "bake/stages.h"
+#include "trace/triangle_grid.h"
 
 #include <math.h>
 
@@ -24,6 +25,7 @@ void prt_single_plan_depths(struct single_plan *plan)
     plan->max_optical_depth = 6; // e^-6: 0.25 % of the light remains
     if (!plan->horizon)
         (void)prt_horizon_create(plan->scene, &plan->horizon); // without it all rays are cast
+    if (!plan->grid) plan->grid = prt_triangle_grid_create(plan->mesh);
     if (plan->extinction) { // any extinction may follow: nodes over every scale of the body
         plan->n_node = 6;
         plan->differ = 0.05f, plan->differ_texel = 0.2f;
@@ -45,6 +47,8 @@ void prt_single_plan_finish(struct single_plan *plan)
 {
     prt_horizon_destroy(plan->horizon);
     plan->horizon = NULL;
+    prt_triangle_grid_destroy(plan->grid);
+    plan->grid = NULL;
 }
 
 void prt_single_plan_nodes(const struct single_plan *plan, float thickness, float *depth)

@@ -32,10 +32,14 @@ struct directions {
     float faint;        /* share of a texel's light, without Fresnel's factor, below which one
                            ray of four is cast first */
     uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
+    float *slope;       /* [n_pattern][4][2][n_coef] s and t of the direction (s, t, 1) on its
+                           face, by which of a texel's sub-samples single scattering takes */
 };
 int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
                           struct directions **out);
 void prt_directions_destroy(struct directions *d);
+/* s [n_coef] and t [n_coef] of the sub-samples that texel_ray chooses (bake/single.h). */
+const float *prt_direction_slopes(const struct directions *d, unsigned pattern);
 
 /* F_t(eta, cos) tabulated over cos in [0,1], linear between points. */
 enum { FRESNEL_STEPS = 1024 };
@@ -129,10 +133,14 @@ struct irradiance_source {
     struct checkpoint *checkpoint;     /* or NULL */
     struct ray_store *store;           /* of this pass, or NULL */
     struct work_meters *work;          /* or NULL */
+    struct horizon *horizon;           /* or NULL: every ray is cast */
     const struct prt_media *media;     /* whose eta each object has */
     const struct prt_eta_nodes *nodes; /* two, of all objects: rows have two layers; or NULL */
     size_t room;                       /* bytes of memory for the rows (prt_half_rows_create) */
 };
+/* Whether the horizon's rays are few beside the samples' own. */
+bool prt_irradiance_horizon_pays(const struct directions *d, const struct prt_scene *scene,
+                                 uint32_t n_sample);
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
  * the number of rays that they take, those of the store among them. Pieces that the checkpoint
  * has are read, others are recorded there. Reports "irradiance" and "hierarchy" as progress. */
@@ -347,10 +355,13 @@ void prt_extinction_table_destroy(struct extinction_table *table);
  * result does not depend on the order of uses. Thread-safe after creation; refers to the scene,
  * which must outlive it. */
 enum {
-    HORIZON_WIDE = 16, /* bins: 6 x 16 x 16 of a cubemap, [face][y][x] */
+    HORIZON_WIDE = 32, /* bins: 6 x 32 x 32 of a cubemap, [face][y][x] */
     HORIZON_WORDS = 6 * HORIZON_WIDE * HORIZON_WIDE / 64,
 };
 struct horizon;
+/* Words that hold the bins of one vertex: fewer for large meshes, whose bins are 2 x 2 of
+ * these. */
+uint32_t prt_horizon_words(uint32_t n_vertex);
 int prt_horizon_create(const struct prt_scene *scene, struct horizon **out);
 void prt_horizon_destroy(struct horizon *horizon);
 /* Rays that leave a triangle into a bin: 1 all visible, -1 all blocked, 0 unknown (cast one).
@@ -386,18 +397,20 @@ struct single_plan {
 
     struct work_meters *work; /* or NULL */
 
-    struct horizon *horizon; /* saves shadow rays; NULL without memory for it. A plan that has
-                                one before prt_single_plan_depths keeps it */
-    uint32_t n_node;         /* depths traced */
-    float first_mm, last_mm; /* least and greatest depth */
-    float inward_mm;         /* reach of rays through the body */
-    float weakest;           /* extinction that weighs differences between rays [mm^-1] */
+    /* Both save rays, and are NULL without memory for them. A plan that has one before
+     * prt_single_plan_depths keeps it. */
+    struct horizon *horizon;    /* shadow rays */
+    struct triangle_grid *grid; /* rays to exits: triangles near a vertex are drawn */
+    uint32_t n_node;            /* depths traced */
+    float first_mm, last_mm;    /* least and greatest depth */
+    float inward_mm;            /* reach of rays through the body */
+    float weakest;              /* extinction that weighs differences between rays [mm^-1] */
     /* Thresholds relative to full light at the node that contributes most: a tile or block is
      * refined when it differs more from a neighbour, or when its shadow ray may hide more. */
     float differ, differ_texel, uncertain;
     float max_optical_depth; /* beyond it one node's ray is used for all nodes */
 };
-/* Fills the fields behind work, and creates the horizon; finish destroys it. */
+/* Fills the fields behind work, and creates horizon and grid; finish destroys them. */
 void prt_single_plan_depths(struct single_plan *plan);
 void prt_single_plan_finish(struct single_plan *plan);
 /* Depths [mm] of the nodes along a path through `thickness` mm of the body, geometric. */

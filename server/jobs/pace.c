@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double default_samples = 150000;
+static const double default_samples[2] = {90000, 150000}; // fixed medium, long path; joint
 static const double typical_vertices = 20000;
 static const double learning =
     0.5; // weight of the newest bake after the first; chosen, not measured
@@ -18,10 +18,10 @@ static const struct {
     const char *stage;
     double at_rest, a_vertex;
 } cost[2][PACE_STAGES] = {{{"draft", 3.5, 1.3e-4},
-                           {"irradiance", 58, 0},
-                           {"hierarchy", 2, 0},
-                           {"multiple", 18, 1.0e-4},
-                           {"single", -7, 5.4e-3},
+                           {"irradiance", 35, 0},
+                           {"hierarchy", 1.2, 0},
+                           {"multiple", 13, 1.0e-4},
+                           {"single", -5, 3.9e-3},
                            {"measuring", 4, 1.5e-4}},
                           {{"draft", 5, 2.5e-4},
                            {"irradiance", 58, 0},
@@ -61,7 +61,7 @@ bool pace_is_walk(const char *stage)
 void pace_plan(struct pace *p, const struct pace_kind *kind, const struct pace_history *history)
 {
     const double n = kind->n_vertex ? kind->n_vertex : typical_vertices;
-    const double samples = kind->n_sample ? kind->n_sample / default_samples : 1;
+    const double samples = kind->n_sample ? kind->n_sample / default_samples[kind->joint] : 1;
     if (!p->fraction && !p->begin_s) p->stage = -1;
     for (int i = 0; i < PACE_STAGES; i++) {
         const double factor = history->factor[number_of(kind)][i];

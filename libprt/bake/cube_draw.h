@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: MIT */
+/* The first triangle in every direction from a point: the triangles near a vertex are drawn on
+ * a cube around the point, a pixel for each texel's sub-sample, in place of a ray for each. */
+#ifndef PRT_BAKE_CUBE_DRAW_H
+#define PRT_BAKE_CUBE_DRAW_H
+
+#include "bake/stages.h"
+#include "trace/triangle_grid.h"
+
+/* Most triangles that are drawn around a vertex; a multiple of 16. */
+enum { DRAW_MOST = 1536 };
+
+/* The triangles about a centre, all that have a point within `reach` mm of it. */
+struct nearby {
+    uint32_t n; /* a multiple of 16: the last ones may have no area */
+    float centre[3], reach;
+    uint32_t *triangle;  /* [DRAW_MOST] of the mesh */
+    float *corner[3][3]; /* [corner][axis][DRAW_MOST], relative to the centre */
+    float *normal[3][3]; /* [corner][axis][DRAW_MOST] of the vertices */
+};
+/* What is seen from one point. A face's coordinates of direction (s, t, 1) are those of
+ * prt_cube_direction. */
+struct drawing {
+    float from[3];    /* relative to the centre */
+    float certain_mm; /* a hit up to this distance is the first of the whole mesh; 0: nothing
+                         was drawn */
+    float *nearness;  /* [n_coef] 1/r, r along the direction (s, t, 1); 0: nothing is seen */
+    uint32_t *at;     /* [n_coef] number in `nearby` of the triangle that is seen */
+};
+/* Memory of both, one for each thread: taken from `room` (prt_draw_bytes, 64-byte aligned). */
+size_t prt_draw_bytes(uint32_t n_coef, uint32_t n_drawing);
+struct draw_room {
+    struct nearby near;
+    struct drawing drawing[SINGLE_MAX_NODES];
+    float *plane[3][3]; /* [corner][axis][DRAW_MOST] */
+};
+void prt_draw_carve(void *room, uint32_t n_coef, uint32_t n_drawing, struct draw_room *out);
+
+/* The triangles within `want` mm of the centre, or within less where they would be more than
+ * DRAW_MOST. */
+void prt_draw_gather(const struct triangle_grid *grid, const struct prt_mesh *mesh,
+                     const float centre[3], float want, struct nearby *near);
+/* Draws them from point p into drawing i, at the sub-samples of `pattern`. */
+void prt_draw(const struct directions *d, unsigned pattern, const float p[3], uint32_t i,
+              struct draw_room *room);
+/* Vertex normals of the triangles that 16 rays hit. */
+struct corners {
+    float n[3][3][16]; /* [corner][axis] */
+};
+/* What a drawing shows at 16 texels, whose slopes are prt_direction_slopes of the pattern it
+ * was made with: distances t [mm] and numbers `at` in `nearby`, or UINT32_MAX where nothing is
+ * within `most` mm. Returns the lanes that are certain; towards the others a ray must be cast.
+ */
+uint32_t prt_draw_look(unsigned cpu, const struct drawing *drawing, const float *slope,
+                       uint32_t n_coef, const uint32_t texel[16], float most, float t[16],
+                       uint32_t at[16]);
+/* Fills t, u, v, g and triangle of the packet, whose rays begin at the drawing's point and meet
+ * triangles at [16] of `near`, t [16] mm away, and their normals. UINT32_MAX: it met none. */
+void prt_draw_hits(unsigned cpu, const struct nearby *near, const struct drawing *drawing,
+                   const uint32_t at[16], const float t[16], struct prt_packet *packet,
+                   struct corners *normals);
+
+#endif
