@@ -263,6 +263,7 @@ static int prepare(struct bake *b)
     const float fine = prt_bake_fine_mm(b);
     const double finest = shortest_path(b);
     status = prt_scene_create(b->ctx, mesh, &b->scene);
+    if (status == PRT_OK && !b->o.draft) status = prt_scene_refine(b->ctx, b->scene);
     bool any = prt_surface_area(mesh) > 0;
     if (status == PRT_OK && !any)
         prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");

@@ -240,12 +240,26 @@ int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
     uint64_t visible = 1, blocked = 1;
     if (h->words != HORIZON_WORDS) bin = h->parent[bin];
     for (int k = 0; k < 3 && (visible || blocked); k++) {
-        want_vertex(h, v[k]);
         const struct certain *at = &h->certain[(size_t)v[k] * h->words + bin / 64];
-        visible &= atomic_load_explicit(&at->visible, memory_order_relaxed) >> bin % 64;
-        blocked &= atomic_load_explicit(&at->blocked, memory_order_relaxed) >> bin % 64;
+        uint64_t open = atomic_load_explicit(&at->visible, memory_order_relaxed);
+        uint64_t hidden = atomic_load_explicit(&at->blocked, memory_order_relaxed);
+        if (!(open | hidden)) { // 64 uncertain bins, or not traced yet
+            want_vertex(h, v[k]);
+            open = atomic_load_explicit(&at->visible, memory_order_relaxed);
+            hidden = atomic_load_explicit(&at->blocked, memory_order_relaxed);
+        }
+        visible &= open >> bin % 64;
+        blocked &= hidden >> bin % 64;
     }
     return (int)visible - (int)blocked;
+}
+
+void prt_horizon_prefetch(const struct horizon *h, uint32_t triangle, uint32_t bin)
+{
+    const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
+    if (h->words != HORIZON_WORDS) bin = h->parent[bin];
+    for (int k = 0; k < 3; k++)
+        __builtin_prefetch(&h->certain[(size_t)v[k] * h->words + bin / 64]);
 }
 
 // Coarse bins as fine ones.

@@ -130,6 +130,10 @@ static void take_batch(struct queue *q, struct batch *b, struct lanes lane[PRT_E
 {
     for (uint32_t i = 0; i < q->plan->n_eta; i++)
         prt_fill_missed(&lane[i], out_of_reach(q->plan));
+    for (uint32_t i = 0; q->use_horizon && q->plan->horizon && i < b->fill; i++)
+        if (leave >> i & 1)
+            prt_horizon_prefetch(q->plan->horizon, b->packet.triangle[i],
+                                 q->plan->directions->bin[b->target[i].texel]);
     for (uint32_t i = 0; i < b->fill; i++) take_exit(q, b, lane, i, leave >> i & 1);
     b->fill = 0;
 }

@@ -367,6 +367,8 @@ void prt_horizon_destroy(struct horizon *horizon);
 /* Rays that leave a triangle into a bin: 1 all visible, -1 all blocked, 0 unknown (cast one).
  */
 int prt_horizon_bin(struct horizon *horizon, uint32_t triangle, uint32_t bin);
+/* Asks for the memory that prt_horizon_bin will read. */
+void prt_horizon_prefetch(const struct horizon *horizon, uint32_t triangle, uint32_t bin);
 /* Every bin of a triangle: bit b % 64 of word b / 64. A bin in neither set is unknown. */
 struct horizon_view {
     uint64_t visible[HORIZON_WORDS], blocked[HORIZON_WORDS];

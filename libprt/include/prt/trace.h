@@ -20,6 +20,10 @@ struct prt_scene;
 int prt_scene_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                      struct prt_scene **out);
 void prt_scene_destroy(struct prt_scene *scene);
+/* Builds the BVH anew with spatial splits, before the scene is used: rays take a tenth less
+ * time (exits of single scattering, the bunny), building several times as long. Blocks.
+ * PRT_NOMEM: the scene is of no use any more, and is still to be destroyed. */
+int prt_scene_refine(const struct prt_context *ctx, struct prt_scene *scene);
 /* The mesh that was given, owned by the caller of prt_scene_create. */
 const struct prt_mesh *prt_scene_mesh(const struct prt_scene *scene);
 /* The distance by which a ray's start is moved off its own surface [mm]: 1e-4 of the mean edge
