@@ -659,7 +659,6 @@ static void test_headers_that_unpack_to_much(void **state)
     end();
 }
 
-// A connection that sent one large header keeps nothing of it.
 // Whether the daemon runs under AddressSanitizer or ThreadSanitizer.
 static bool keeps_freed_memory(void)
 {
@@ -674,6 +673,7 @@ static bool keeps_freed_memory(void)
     return found;
 }
 
+// A connection that sent one large header keeps nothing of it.
 static void test_idle_after_a_large_header(void **state)
 {
     enum { N = 400, HEADER = 1 << 20 };

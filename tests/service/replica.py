@@ -17,7 +17,7 @@ except ImportError as missing:
     print("skipped: %s; deploy/dependencies --tests installs it" % missing)
     sys.exit(77)
 
-from web import OCTAHEDRON
+from web import OCTAHEDRON, no_reports
 
 sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
@@ -87,6 +87,7 @@ def replicas_in_a_folder(name):
         yield folder, replicas
         for r in replicas:
             r.stop()
+            no_reports(r.log())
     except BaseException:
         for r in replicas:
             print("---- replica %d\n%s" % (r.number, r.log()[-6000:]))
