@@ -15,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -167,6 +168,7 @@ static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
     for (int i = 0; extra && extra[i]; i++) argv[n++] = extra[i];
     pid_t pid = fork();
     if (pid == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGTERM); // a test that ends early leaves none behind
         int fd = open(d->log, O_CREAT | O_APPEND | O_WRONLY, 0600);
         dup2(fd, 2);
         execv(argv[0], (char *const *)argv);

@@ -48,7 +48,10 @@ class Replica:
                                           self.more, self.env)
         end = time.monotonic() + 60
         while not os.path.exists(path):
-            assert time.monotonic() < end and self.process.poll() is None, "it does not start"
+            if time.monotonic() > end or self.process.poll() is not None:
+                self.process.kill()
+                self.process.wait()
+                raise AssertionError("it does not start:\n" + self.log()[-6000:])
             time.sleep(0.01)
 
     @staticmethod
