@@ -241,7 +241,7 @@ static void shade_inside(const struct job *j, uint32_t v, const struct walk_ligh
 }
 
 // Map m under every light at one vertex: the term of the options into color[l].
-static void shade_vertex(struct job *all, unsigned m, uint32_t v, size_t at,
+static void shade_vertex(const struct job *all, unsigned m, uint32_t v, size_t at,
                          struct walk_light *light)
 {
     struct job j = *all;
@@ -252,7 +252,7 @@ static void shade_vertex(struct job *all, unsigned m, uint32_t v, size_t at,
     bool inside = translucent(&j, v);
     memset(light, 0, j.n_light * sizeof *light);
     if (inside && scatters_within(&j) && j.o->n_walk)
-        prt_reference_walk(all, j.material, v, light);
+        prt_reference_walk(&j, j.material, v, light);
     else if (inside && scatters_within(&j)) multiple_at(&j, v, j.dipoles[m][medium], light);
     for (unsigned l = 0; l < j.n_light; l++) {
         float *out = j.color[m * j.n_light + l][at];
@@ -402,7 +402,8 @@ static int check_media(struct job *j)
 // Walks that leaked or became too long have brought no light.
 static void report_lost(const struct job *j)
 {
-    double share = j->n_walks ? (double)j->n_lost / (double)j->n_walks : 0;
+    const struct walk_tally *t = j->tally;
+    double share = t->walks ? (double)t->lost / (double)t->walks : 0;
     if (share > 0.01)
         prt_log(j->ctx, PRT_LOG_WARNING,
                 "%.2g %% of the walks did not leave the model: its surface is open, crosses "
@@ -419,7 +420,9 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
         n_light > PRT_REFERENCE_MAX_MANY)
         return prt_fail(ctx, PRT_ARG, "%u media under %u lights: 1 to %d of each", n_map,
                         n_light, PRT_REFERENCE_MAX_MANY);
+    struct walk_tally tally = {0};
     struct job j = {.ctx = ctx,
+                    .tally = &tally,
                     .mesh = mesh,
                     .o = options,
                     .n_map = n_map,

@@ -29,7 +29,11 @@ struct job {
     // With walks (METHODS §9).
     struct prt_walk_space *space;
     struct prt_surface_strata *strata;
-    uint64_t n_walks, n_lost; // atomic
+    struct walk_tally *tally;
+};
+
+struct walk_tally { // atomic
+    uint64_t walks, lost;
 };
 
 // Light of one vertex under one light by walks.

@@ -66,6 +66,6 @@ void prt_reference_walk(struct job *j, const struct prt_material *material, uint
             out[l].error[c] = sqrt(fmax(g.square[l] / n - mean * mean, 0) / n) / M_PI;
         }
     }
-    __atomic_fetch_add(&j->n_walks, counts.walks, __ATOMIC_RELAXED);
-    __atomic_fetch_add(&j->n_lost, counts.leaked + counts.cut, __ATOMIC_RELAXED);
+    __atomic_fetch_add(&j->tally->walks, counts.walks, __ATOMIC_RELAXED);
+    __atomic_fetch_add(&j->tally->lost, counts.leaked + counts.cut, __ATOMIC_RELAXED);
 }

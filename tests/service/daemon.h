@@ -15,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -110,6 +111,40 @@ static inline void daemon_database(const struct daemon *d, char option[300])
     snprintf(option, 300, "postgresql://relightd@/%s%s", name, query ? query : "");
 }
 
+// cmocka says when the end of a group fails, and yet the program exits with 0: this makes it
+// exit with 1.
+static inline void leave_failed(void)
+{
+    fflush(NULL);
+    _exit(1);
+}
+
+static inline void fail_at_exit(void)
+{
+    static bool will;
+    if (!will) atexit(leave_failed);
+    will = true;
+}
+
+// Whether a sanitizer reported something of the daemon or one of its children, whose exit
+// status the daemon may have taken for a broken file's. The test then fails whatever its cases
+// make of it.
+static inline bool sanitizer_reports(const struct daemon *d)
+{
+    FILE *file = fopen(d->log, "r");
+    char *line = NULL;
+    size_t size = 0;
+    bool there = false;
+    while (file && getline(&line, &size, file) > 0) {
+        if (!there) there = strstr(line, "Sanitizer: ") || strstr(line, ": runtime error: ");
+        if (there) fputs(line, stderr);
+    }
+    free(line);
+    if (file) fclose(file);
+    if (there) fail_at_exit();
+    return there;
+}
+
 // extra: further options, NULL-terminated; NULL for none.
 static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
 {
@@ -133,6 +168,7 @@ static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
     for (int i = 0; extra && extra[i]; i++) argv[n++] = extra[i];
     pid_t pid = fork();
     if (pid == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGTERM); // a test that ends early leaves none behind
         int fd = open(d->log, O_CREAT | O_APPEND | O_WRONLY, 0600);
         dup2(fd, 2);
         execv(argv[0], (char *const *)argv);
@@ -143,6 +179,7 @@ static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
 
 static inline void daemon_start(struct daemon *d, const char *const extra[])
 {
+    sanitizer_reports(d); // of one that was killed
     unlink(d->log);
     d->pid = daemon_spawn(d, extra);
     if (!log_says(d, " start version", 60000)) {
@@ -153,17 +190,6 @@ static inline void daemon_start(struct daemon *d, const char *const extra[])
     }
     find_address(d, "listen address=tcp:", d->tcp, sizeof d->tcp);
     find_address(d, "listen address=http:", d->http, sizeof d->http);
-}
-
-// Whether a sanitizer reported something of the daemon or one of its children, whose exit
-// status the daemon may have taken for a broken file's.
-static inline bool sanitizer_reports(const struct daemon *d)
-{
-    char *text = read_text(d->log);
-    const bool there = strstr(text, "Sanitizer: ") || strstr(text, ": runtime error: ");
-    if (there) fprintf(stderr, "%s", text);
-    free(text);
-    return there;
 }
 
 // SIGTERM; the exit status, -1 when it did not end in 20 s, or -2 after a sanitizer's report.
@@ -191,6 +217,7 @@ static inline int daemon_end(struct daemon *d)
 {
     int status = daemon_stop(d);
     if (status) {
+        fail_at_exit();
         char *text = read_text(d->log);
         size_t n = strlen(text);
         fprintf(stderr, "status %d; its log ends with:\n%s", status,
@@ -209,6 +236,7 @@ static inline int remove_one(const char *path, const struct stat *st, int kind,
 static inline void daemon_remove(struct daemon *d)
 {
     if (d->pid) daemon_stop(d);
+    else sanitizer_reports(d);
     nftw(d->folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
 }
 

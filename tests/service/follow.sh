@@ -106,3 +106,7 @@ wrong 2 'no --sheet' --follow 'First review' --sheet -o x.png
 wrong 2 'writes no .hdr' --follow 'First review' -o x.hdr
 wrong 2 'ID is missing' -o x.png
 preview=
+kill -TERM "$daemon"
+wait "$daemon" || fail "status $? of the daemon"
+daemon=
+if grep -E 'Sanitizer: |: runtime error: ' log; then fail "a sanitizer's report"; fi

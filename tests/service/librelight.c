@@ -1,26 +1,13 @@
 // SPDX-License-Identifier: MIT
 // librelight with a live relightd: pipelining, inline lights, formats, views, cancelling,
 // geometry that moves, stats. The model is a small ball, baked once at the start.
-#include "relight/relight.h"
+#include "daemon.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <math.h>
-#include <signal.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
-#include <cmocka.h>
 
 enum { RINGS = 16, SIDES = 24, N_VERTEX = 2 + (RINGS - 1) * SIDES };
 
-static char folder[64], address[96];
-static pid_t daemon_pid;
+static struct daemon d;
 static struct relight_client *client;
 static struct relight_error error;
 static const struct relight_light white = {.env = "constant"};
@@ -50,9 +37,8 @@ static void write_ball(FILE *f)
 static int start(void **state)
 {
     char command[512], path[128];
-    strcpy(folder, "/tmp/relight-live-XXXXXX");
-    if (!mkdtemp(folder)) return -1;
-    snprintf(path, sizeof path, "%s/ball.obj", folder);
+    daemon_folder(&d);
+    snprintf(path, sizeof path, "%s/ball.obj", d.models);
     FILE *f = fopen(path, "w");
     if (!f) return -1;
     write_ball(f);
@@ -61,26 +47,10 @@ static int start(void **state)
         command, sizeof command,
         "%s/prt bake -q %s/ball.obj --size-mm 20 --material skin1 --samples 3000 --cube 16 "
         "--no-single -o %s/ball.prt >/dev/null",
-        PRT_BINARY_DIR, folder, folder);
+        PRT_BINARY_DIR, d.models, d.models);
     if (system(command)) return -1;
-    snprintf(address, sizeof address, "unix:%s/sock", folder);
-    daemon_pid = fork();
-    if (!daemon_pid) {
-        char program[512];
-        snprintf(program, sizeof program, "%s/relightd", PRT_BINARY_DIR);
-        execl(program, "relightd", "--models", folder, "--listen", address, "--log", "error",
-              NULL);
-        _exit(127);
-    }
-    struct relight_options options = {.timeout_s = 20};
-    for (int i = 0; i < 100; i++) {
-        if (!relight_connect(address, &options, &client, &error)) break;
-        usleep(50000);
-    }
-    if (!client) {
-        fprintf(stderr, "%s\n", error.text);
-        return -1;
-    }
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
     struct relight_load load = {.path = "ball.prt", .name = "ball"};
     struct relight_loaded loaded;
     if (relight_load(client, &load, &loaded, &error)) {
@@ -93,14 +63,10 @@ static int start(void **state)
 
 static int stop(void **state)
 {
-    char command[128];
-    int status;
     relight_close(client);
-    kill(daemon_pid, SIGTERM);
-    waitpid(daemon_pid, &status, 0);
-    snprintf(command, sizeof command, "rm -rf %s", folder);
-    if (system(command)) return -1;
-    return WIFEXITED(status) && WEXITSTATUS(status) == 0 ? 0 : -1;
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    return status;
 }
 
 #define CALL(call)                                       \
@@ -130,12 +96,12 @@ static float *colors_of(const struct relight_light *lights, size_t n_light, bool
 
 static double rmse(const float *a, const float *b)
 {
-    double d = 0, s = 0;
+    double e = 0, s = 0;
     for (int i = 0; i < N_VERTEX * 3; i++) {
-        d += (double)(a[i] - b[i]) * (a[i] - b[i]);
+        e += (double)(a[i] - b[i]) * (a[i] - b[i]);
         s += (double)b[i] * b[i];
     }
-    return sqrt(d / s);
+    return sqrt(e / s);
 }
 
 // One light, however it is named; several planes and their sum.
@@ -334,7 +300,7 @@ static void unloaded(void **state)
 {
     struct relight_client *other;
     struct relight_model m;
-    CALL(relight_connect(address, NULL, &other, &error));
+    CALL(relight_connect(d.address, NULL, &other, &error));
     CALL(relight_unload(other, "ball", false, NULL, &error));
     relight_close(other);
     CALL(relight_info(client, "ball", &m, &error));

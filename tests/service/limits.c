@@ -456,6 +456,21 @@ static void test_poses_are_counted(void **state)
     end();
 }
 
+// Whether the daemon runs under AddressSanitizer or ThreadSanitizer, whose memory says nothing
+// of its own.
+static bool keeps_freed_memory(void)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/proc/%d/maps", (int)d.pid);
+    char *maps = read_text(path);
+    bool found = strstr(maps, "libasan") || strstr(maps, "libtsan");
+    free(maps);
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__ // linked statically
+    found = true;
+#endif
+    return found;
+}
+
 // A view's texels lie in memory once: not beside the payload that brought them.
 static void test_texels_lie_there_once(void **state)
 {
@@ -486,7 +501,7 @@ static void test_texels_lie_there_once(void **state)
     }
     double views = (double)(resident_kb() - before) / (double)each;
     print_message("%d views hold the bytes of %.1f\n", N, views);
-    assert_true(views < 1.4 * N);
+    assert_true(keeps_freed_memory() || views < 1.4 * N);
     free(texels);
     frames_close(f);
     relight_close(client);
@@ -660,20 +675,6 @@ static void test_headers_that_unpack_to_much(void **state)
 }
 
 // A connection that sent one large header keeps nothing of it.
-// Whether the daemon runs under AddressSanitizer or ThreadSanitizer.
-static bool keeps_freed_memory(void)
-{
-    char path[64];
-    snprintf(path, sizeof path, "/proc/%d/maps", (int)d.pid);
-    char *maps = read_text(path);
-    bool found = strstr(maps, "libasan") || strstr(maps, "libtsan");
-    free(maps);
-#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__ // linked statically
-    found = true;
-#endif
-    return found;
-}
-
 static void test_idle_after_a_large_header(void **state)
 {
     enum { N = 400, HEADER = 1 << 20 };

@@ -198,4 +198,5 @@ wait "$daemon"
 got=$?
 daemon=
 [ $got = 0 ] || fail "SIGTERM: the daemon ended with status $got"
+if grep -E 'Sanitizer: |: runtime error: ' daemon.log; then fail "a sanitizer's report"; fi
 echo "all as expected"

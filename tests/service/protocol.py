@@ -272,6 +272,7 @@ def main():
             print(name, "as the document says")
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(20) == 0
+        assert "Sanitizer: " not in open(folder + "/log").read()
     except BaseException:
         sys.stderr.write(open(folder + "/log").read()[-3000:])
         raise

@@ -17,7 +17,7 @@ except ImportError as missing:
     print("skipped: %s; deploy/dependencies --tests installs it" % missing)
     sys.exit(77)
 
-from web import OCTAHEDRON
+from web import OCTAHEDRON, no_reports
 
 sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
@@ -48,7 +48,10 @@ class Replica:
                                           self.more, self.env)
         end = time.monotonic() + 60
         while not os.path.exists(path):
-            assert time.monotonic() < end and self.process.poll() is None, "it does not start"
+            if time.monotonic() > end or self.process.poll() is not None:
+                self.process.kill()
+                self.process.wait()
+                raise AssertionError("it does not start:\n" + self.log()[-6000:])
             time.sleep(0.01)
 
     @staticmethod
@@ -87,6 +90,7 @@ def replicas_in_a_folder(name):
         yield folder, replicas
         for r in replicas:
             r.stop()
+            no_reports(r.log())
     except BaseException:
         for r in replicas:
             print("---- replica %d\n%s" % (r.number, r.log()[-6000:]))

@@ -132,7 +132,8 @@ def nothing_acknowledged_is_lost(replicas, folder, n, rng):
 def main():
     seed = int(os.environ.get("SEED", "1"))
     with replicas_in_a_folder("replicas") as (folder, replicas):
-        replicas[:] = [Replica(folder, 1), Replica(folder, 2)]
+        replicas.append(Replica(folder, 1))
+        replicas.append(Replica(folder, 2))
         if "RELIGHT_TEST_MOUNTS" not in os.environ:
             a_full_folder_refuses_and_loses_nothing()
         each_serves_what_the_other_took(*replicas, folder)

@@ -33,7 +33,13 @@ expect() { # STATUS ARGUMENTS...
     [ $got = "$want" ] || fail "status $got, not $want: relight $*"
 }
 says() { grep -q -- "$1" out err || fail "no \"$1\" in: $(cat out err)"; }
+no_reports() { # a sanitizer's, of the daemon or of a child
+    grep -qsE 'Sanitizer: |: runtime error: ' log || return 0
+    cat log
+    fail "a sanitizer's report"
+}
 start() {
+    no_reports
     : >log
     "$bin/relightd" --preview-walks=no --data "$dir/data" --models "$dir" --listen "unix:$dir/s" "$@" 2>>log &
     daemon=$!
@@ -344,4 +350,5 @@ if [ -n "$only" ]; then
 fi
 kill $daemon && wait $daemon || fail "the daemon's end"
 daemon=
+no_reports
 echo "room_cli${only:+ $only}: fine"

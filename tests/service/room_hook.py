@@ -75,6 +75,10 @@ class Daemon:
         self.process.terminate()
         if self.process.wait(30):
             fail('the daemon ended with %d' % self.process.returncode)
+        with open(self.log, encoding='utf-8', errors='replace') as f:
+            text = f.read()
+        if 'Sanitizer: ' in text or ': runtime error: ' in text:
+            fail(text)
 
 
 def review(daemon, name):

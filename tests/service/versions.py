@@ -138,7 +138,8 @@ def a_later_folder_is_refused(folder):
 
 def main():
     with replicas_in_a_folder("versions") as (folder, replicas):
-        replicas[:] = [Replica(folder, 1, OLD), Replica(folder, 2, NEXT)]
+        replicas.append(Replica(folder, 1, OLD))
+        replicas.append(Replica(folder, 2, NEXT))
         ball, cup = each_answers_for_the_other(*replicas, folder)
         a_bake_goes_on_at_another_version(*replicas, folder)
         there_and_back(*replicas, folder, ball, cup)

@@ -24,6 +24,11 @@ def sky(width=32, height=16, pixel=(128, 64, 32, 129)):
     return head + bytes(pixel) * (width * height)
 
 
+def no_reports(log):
+    """Fails where a sanitizer reported something of a daemon or of a child."""
+    assert "Sanitizer: " not in log and ": runtime error: " not in log, log
+
+
 class Daemon:
     def __init__(self, binaries, *options, environment=None):
         self.binaries, self.options, self.environment = binaries, options, environment
@@ -124,11 +129,13 @@ class Daemon:
         if self.process.poll() is None:
             self.process.send_signal(how)
         try:
-            return self.process.wait(seconds)
+            status = self.process.wait(seconds)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
             raise
+        no_reports(self.log())
+        return status
 
     def end(self):
         """Has to leave with status 0; removes the folder."""

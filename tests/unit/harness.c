@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 // The helpers of the tests themselves: exit codes of skipped and failed programs
-// (tests/data.h), and values beyond their bounds (tests/physics/expect.h). The program runs
-// itself with the name of a group.
+// (tests/data.h), values beyond their bounds (tests/physics/expect.h), and a sanitizer's report
+// in a daemon's log (tests/service/daemon.h). The program runs itself with the name of a group.
 #include "../physics/expect.h"
+#include "../service/daemon.h"
 
 #include <sys/wait.h>
 
@@ -41,8 +42,24 @@ static void far_away(void **state)
     expect_near("value", 1, 1 + 1e-9, 0);
 }
 
+static void good(void **state)
+{
+}
+
+// What the end of a group returns is nothing to cmocka.
+static int end_with_report(void **state)
+{
+    struct daemon d;
+    daemon_folder(&d);
+    write_text(d.log, "start\n==7==ERROR: LeakSanitizer: detected memory leaks\n");
+    daemon_remove(&d);
+    return 0;
+}
+
 static int run_inner(const char *name)
 {
+    const struct CMUnitTest fine[] = {cmocka_unit_test(good)};
+    if (!strcmp(name, "reported")) return cmocka_run_group_tests(fine, NULL, end_with_report);
     const struct CMUnitTest skipped[] = {cmocka_unit_test(missing), cmocka_unit_test(missing)};
     const struct CMUnitTest mixed[] = {cmocka_unit_test(missing), cmocka_unit_test(present)};
     const struct CMUnitTest beyond[] = {cmocka_unit_test(not_a_number),
@@ -96,6 +113,13 @@ static void values_beyond_bounds_fail(void **state)
     assert_non_null(strstr(text, "value: -1, must be above 0"));
 }
 
+static void report_in_a_log_fails(void **state)
+{
+    char text[4096];
+    assert_int_equal(code_of("reported", "0", text), 1);
+    assert_non_null(strstr(text, "LeakSanitizer: detected memory leaks"));
+}
+
 int main(int argc, char **argv)
 {
     if (argc > 1) return run_inner(argv[1]);
@@ -103,6 +127,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(only_skipped_is_77),
         cmocka_unit_test(required_data_fails),
         cmocka_unit_test(values_beyond_bounds_fail),
+        cmocka_unit_test(report_in_a_log_fails),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

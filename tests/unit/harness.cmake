@@ -1,1 +1,1 @@
-prt_test(harness SOURCES unit/harness.c LABELS unit)
+prt_test(harness SOURCES unit/harness.c LIBS librelight LABELS unit)
