@@ -185,7 +185,7 @@ static void test_host_and_origin(void **state)
                                  "--hosts",   "relight.example, other.example",
                                  "--origins", "https://review.example",
                                  NULL};
-    char longest[320] = "http://", same[64];
+    char longest[320] = "http://", same[80];
     memset(longest + 7, 'a', 249);
     strcpy(longest + 256, ".example:8080");
     daemon_start(&d, extra);
