@@ -308,9 +308,9 @@ struct price {
     double walk;       // a vertex and a walk
 };
 static const struct price prices[] = {
-    [PRT_TRANSPORT_WAVELET] = {1e-7, 7.5e-7, 1e-7, 6e-8, 3e-4, 4.6, 2e-5},
+    [PRT_TRANSPORT_WAVELET] = {1e-7, 5e-7, 1e-7, 6e-8, 3e-4, 4.6, 2e-5},
     [PRT_TRANSPORT_POLYNOMIAL] = {1e-8, 2e-7, 0, 0, 6e-4, 4, 2e-5},
-    [PRT_TRANSPORT_JOINT] = {1e-7, 1.4e-6, 7e-7, 5e-7, 8e-4, 8, 7e-5},
+    [PRT_TRANSPORT_JOINT] = {1e-7, 1.25e-6, 7e-7, 5e-7, 8e-4, 8, 7e-5},
 };
 enum { MOST_FACTORED = 80000 }; // vertices: clusters of larger models grow, their ranks do not
 

@@ -667,7 +667,8 @@ static void test_headers_that_unpack_to_much(void **state)
         if (took < best) best = took;
     }
     print_message("a header of a mebibyte was answered after %.1f ms\n", best * 1e3);
-    assert_true(best < 0.02); // reading it is most of that
+    // Reading it is most of that; a sanitizer makes it ten times as long.
+    assert_true(best < (keeps_freed_memory() ? 0.2 : 0.02));
     relight_close(client);
     frames_close(f);
     served();
