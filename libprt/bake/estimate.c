@@ -174,7 +174,7 @@ static double packed(const struct demand *d, enum prt_term term, double function
 
 static double horizon(const struct demand *d)
 {
-    return d->vertices * (2.0 * prt_horizon_words((uint32_t)d->vertices) * 8 + 1);
+    return d->vertices * (8.0 * prt_horizon_words((uint32_t)d->vertices) + 1);
 }
 
 // A thread's arrays of single scattering: cells of a cluster's vertices (cells.c), its rays.

@@ -14,6 +14,7 @@
 enum { EMPTY, TRACED };
 // The bins of a large mesh are 2 x 2 of a small one's.
 enum { COARSE_WIDE = HORIZON_WIDE / 2, COARSE_WORDS = HORIZON_WORDS / 4 };
+enum { FINE_PAIRS = 2 * HORIZON_WORDS, COARSE_PAIRS = 2 * COARSE_WORDS };
 static const uint32_t most_fine_vertices = 150000; // 230 MB of fine bins
 
 // Bins of a cubemap's faces, wide x wide each.
@@ -24,12 +25,11 @@ struct bins {
 };
 struct horizon {
     const struct prt_scene *scene;
-    unsigned words; // of a vertex
-    // [n_vertex][words] filled on first use: bins that are visible with all their neighbours,
-    // and bins that are blocked with them.
-    struct certain {
-        _Atomic uint64_t visible, blocked;
-    } * certain;
+    unsigned words; // of a vertex: 32 bins in each
+    // [n_vertex][words] filled on first use: of 32 bins, from bit 0 those that are visible with
+    // all their neighbours, from bit 32 those that are blocked with them. One word, so that
+    // another thread sees both or neither.
+    _Atomic uint64_t *certain;
     _Atomic uint8_t *state; // [n_vertex]
     struct bins fine, coarse;
     uint16_t parent[6 * HORIZON_WIDE * HORIZON_WIDE]; // the coarse bin that holds a fine one
@@ -85,7 +85,7 @@ static void skip_wide(struct horizon *h, const struct prt_mesh *mesh)
 
 uint32_t prt_horizon_words(uint32_t n_vertex)
 {
-    return n_vertex > most_fine_vertices ? COARSE_WORDS : HORIZON_WORDS;
+    return n_vertex > most_fine_vertices ? COARSE_PAIRS : FINE_PAIRS;
 }
 
 int prt_horizon_create(const struct prt_scene *scene, struct horizon **out)
@@ -215,15 +215,16 @@ static void trace_vertex(struct horizon *h, uint32_t vertex)
     const struct sight *found = &coarse;
     cast_centres(h, &h->coarse, vertex, NULL, &coarse);
     agree(&h->coarse, NULL, &coarse);
-    if (h->words == HORIZON_WORDS) {
+    if (h->words == FINE_PAIRS) {
         refine(h, vertex, &coarse, &fine);
         found = &fine;
     }
     const size_t at = (size_t)vertex * h->words;
     for (unsigned k = 0; k < h->words; k++) {
-        struct certain *to = &h->certain[at + k];
-        atomic_store_explicit(&to->visible, found->visible[k], memory_order_relaxed);
-        atomic_store_explicit(&to->blocked, found->blocked[k], memory_order_relaxed);
+        const uint64_t visible = found->visible[k / 2] >> k % 2 * 32 & UINT32_MAX;
+        const uint64_t blocked = found->blocked[k / 2] >> k % 2 * 32 & UINT32_MAX;
+        atomic_store_explicit(&h->certain[at + k], visible | blocked << 32,
+                              memory_order_relaxed);
     }
     atomic_store_explicit(&h->state[vertex], TRACED, memory_order_release);
 }
@@ -238,18 +239,16 @@ int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
 {
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
     uint64_t visible = 1, blocked = 1;
-    if (h->words != HORIZON_WORDS) bin = h->parent[bin];
+    if (h->words != FINE_PAIRS) bin = h->parent[bin];
     for (int k = 0; k < 3 && (visible || blocked); k++) {
-        const struct certain *at = &h->certain[(size_t)v[k] * h->words + bin / 64];
-        uint64_t open = atomic_load_explicit(&at->visible, memory_order_relaxed);
-        uint64_t hidden = atomic_load_explicit(&at->blocked, memory_order_relaxed);
-        if (!(open | hidden)) { // 64 uncertain bins, or not traced yet
+        const _Atomic uint64_t *at = &h->certain[(size_t)v[k] * h->words + bin / 32];
+        uint64_t pair = atomic_load_explicit(at, memory_order_relaxed);
+        if (!pair) { // 32 uncertain bins, or not traced yet
             want_vertex(h, v[k]);
-            open = atomic_load_explicit(&at->visible, memory_order_relaxed);
-            hidden = atomic_load_explicit(&at->blocked, memory_order_relaxed);
+            pair = atomic_load_explicit(at, memory_order_relaxed);
         }
-        visible &= open >> bin % 64;
-        blocked &= hidden >> bin % 64;
+        visible &= pair >> bin % 32;
+        blocked &= pair >> 32 >> bin % 32;
     }
     return (int)visible - (int)blocked;
 }
@@ -257,9 +256,9 @@ int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
 void prt_horizon_prefetch(const struct horizon *h, uint32_t triangle, uint32_t bin)
 {
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
-    if (h->words != HORIZON_WORDS) bin = h->parent[bin];
+    if (h->words != FINE_PAIRS) bin = h->parent[bin];
     for (int k = 0; k < 3; k++)
-        __builtin_prefetch(&h->certain[(size_t)v[k] * h->words + bin / 64]);
+        __builtin_prefetch((const void *)&h->certain[(size_t)v[k] * h->words + bin / 32]);
 }
 
 // Coarse bins as fine ones.
@@ -279,12 +278,14 @@ void prt_horizon_view(struct horizon *h, uint32_t triangle, struct horizon_view 
         want_vertex(h, v[k]);
         const size_t at = (size_t)v[k] * h->words;
         for (unsigned w = 0; w < h->words; w++) {
-            const struct certain *from = &h->certain[at + w];
-            view->visible[w] &= atomic_load_explicit(&from->visible, memory_order_relaxed);
-            view->blocked[w] &= atomic_load_explicit(&from->blocked, memory_order_relaxed);
+            const uint64_t pair =
+                atomic_load_explicit(&h->certain[at + w], memory_order_relaxed);
+            const uint64_t other = w % 2 ? UINT32_MAX : (uint64_t)UINT32_MAX << 32;
+            view->visible[w / 2] &= (pair & UINT32_MAX) << w % 2 * 32 | other;
+            view->blocked[w / 2] &= pair >> 32 << w % 2 * 32 | other;
         }
     }
-    if (h->words == HORIZON_WORDS) return;
+    if (h->words == FINE_PAIRS) return;
     spread(h, view->visible);
     spread(h, view->blocked);
 }

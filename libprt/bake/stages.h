@@ -359,8 +359,8 @@ enum {
     HORIZON_WORDS = 6 * HORIZON_WIDE * HORIZON_WIDE / 64,
 };
 struct horizon;
-/* Words that hold the bins of one vertex: fewer for large meshes, whose bins are 2 x 2 of
- * these. */
+/* Words of 8 bytes that hold the bins of one vertex: fewer for large meshes, whose bins are 2 x
+ * 2 of these. */
 uint32_t prt_horizon_words(uint32_t n_vertex);
 int prt_horizon_create(const struct prt_scene *scene, struct horizon **out);
 void prt_horizon_destroy(struct horizon *horizon);
