@@ -107,8 +107,8 @@ int prt_gltf_animations(struct gltf *g)
         *to = (struct prt_mesh_animation){.duration_s =
                                               (float)duration_of(animation, accessor, n)};
         snprintf(to->name, sizeof to->name, "%.63s", text_of(animation, "name"));
-        if (!to->name[0] || is_taken(d, to->name))
-            snprintf(to->name, sizeof to->name, "animation %u", d->n_animation);
+        for (uint32_t k = d->n_animation; !to->name[0] || is_taken(d, to->name); k++)
+            snprintf(to->name, sizeof to->name, "animation %u", k);
         d->n_animation++;
     }
     return PRT_OK;

@@ -189,6 +189,40 @@ static void weights_rebuild_every_index(void **state)
     }
 }
 
+// Law: what lies beyond the exit is in shadow at every node: a body that hides most of itself
+// has the reference's single scattering at each node's index.
+static void shadows_fall_at_every_node(void **state)
+{
+    struct prt_mesh *const plain = mesh;
+    struct prt_file *const plain_file = any;
+    const struct prt_material skin = medium_of(1.3f);
+    struct prt_bake_options o = settings(&skin);
+    struct prt_eta_nodes nodes;
+    struct model m;
+    char fluted[80];
+    model_init(&m, 2000, 4000);
+    add_ball(&m, 36, 10, 10, fluted_ball);
+    mesh = body_mesh(&context, &m, false);
+    snprintf(fluted, sizeof fluted, "%s/fluted.prt", folder);
+    assert_int_equal(prt_bake(&context, mesh, &o, fluted), PRT_OK);
+    assert_int_equal(prt_file_open(&context, fluted, PRT_FILE_CHECK_ALL, &any), PRT_OK);
+    prt_eta_nodes_default(PRT_FAMILY_EXTINCTION, &nodes);
+    float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
+    for (uint32_t i = 0; i < nodes.n; i++) {
+        const struct prt_material own = medium_of(nodes.node[i]);
+        float(*want)[3] = reference_of(&own, true);
+        assert_int_equal(ask(&own, PRT_ANSWER_SINGLE, got), PRT_OK);
+        expect_below(expect_name("node %u: relative RMSE", i), difference(got, want), 0.06);
+        free(want);
+    }
+    free(got);
+    prt_file_close(any);
+    unlink(fluted);
+    prt_mesh_destroy(mesh);
+    mesh = plain;
+    any = plain_file;
+}
+
 static int begin_test(void **state)
 {
     struct model m;
@@ -222,6 +256,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_index_agrees_with_the_reference),
+        cmocka_unit_test(shadows_fall_at_every_node),
         cmocka_unit_test(an_index_outside_is_refused),
         cmocka_unit_test(settings_of_one_index_are_refused),
         cmocka_unit_test(the_error_contains_the_weights),

@@ -104,6 +104,39 @@ static void shadow_of_a_ball(void **state)
     prt_free(left);
 }
 
+// Law: far from the model, whichever way, the floor is lit in full; also where a picture sees
+// it up to the horizon, in front of the model, behind it and beside it.
+static void far_floor_is_lit(void **state)
+{
+    struct prt_visibility *const near = visibility;
+    for (int side = 0; side < 4; side++) {
+        const float away = 30 * (float)R, x = side < 2 ? side ? away : -away : 0,
+                    z = side < 2   ? 0
+                        : side > 2 ? away
+                                   : -away;
+        const struct prt_camera camera = {
+            .eye = {x, 40, z}, .target = {0, 0, 0}, .up = {0, 1, 0}, .fovy_deg = 60};
+        float *left;
+        int n = 0;
+        assert_int_equal(prt_visibility_create(&context, ball, &camera,
+                                               &(struct prt_raster){W, H, 1, PRT_RASTER_AUTO},
+                                               &visibility),
+                         PRT_OK);
+        assert_int_equal(prt_floor_shadow(&context, ball, visibility, &light, &left), PRT_OK);
+        for (int i = 0; i < W * H; i++) {
+            for (int c = 0; c < 3; c++)
+                assert_true(left[3 * i + c] >= 0 && left[3 * i + c] <= 1);
+            if (covered(i % W, i / W) > 0 || distance_at(i % W, i / W) < 5.3 * R) continue;
+            for (int c = 0; c < 3; c++) assert_true(left[3 * i + c] == 1);
+            n++;
+        }
+        assert_true(n > W * H / 3);
+        prt_free(left);
+        prt_visibility_destroy(visibility);
+    }
+    visibility = near;
+}
+
 static struct prt_image shade(bool transparent, const float *shadow)
 {
     struct prt_image image;
@@ -223,6 +256,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shadow_of_a_ball),
+        cmocka_unit_test(far_floor_is_lit),
         cmocka_unit_test(composition),
         cmocka_unit_test(files_with_alpha),
         cmocka_unit_test(reflections_of_hidden_sky),

@@ -176,6 +176,61 @@ static void transmissive_interiors(void **state)
            false);
 }
 
+// Law: in a unit that is n times the format's own, all lengths are n times as long:
+// coefficients are divided by n, and nothing else changes. Lengths of MaterialX that name a
+// unit keep it.
+static void units_scale_lengths(void **state)
+{
+    static const char principled[] =
+        "{\"Base Color\":[0.6,0.4,0.2,1],\"Subsurface Weight\":1,\"Subsurface Radius\":"
+        "[0.5,0.3,0.2],\"Subsurface Scale\":0.002}";
+    static const char medium[] =
+        "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [.1 .2 .3] "
+        "\"rgb sigma_s\" [1 2 3]";
+    static const char surface[] = "Material \"subsurface\" \"rgb reflectance\" [.6 .4 .2] "
+                                  "\"rgb mfp\" [1 .6 .4]";
+    char below[4096], through[4096], standard[4096];
+    snprintf(below, sizeof below, "%s",
+             mtlx("open_pbr_surface",
+                  (const char *const[]){"subsurface_weight=1", "subsurface_radius=.1", NULL}));
+    snprintf(through, sizeof through, "%s",
+             mtlx("open_pbr_surface",
+                  (const char *const[]){"transmission_weight=1", "transmission_color=.8,.4,.2",
+                                        "transmission_depth=2", "transmission_scatter=.9,.9,.9",
+                                        NULL}));
+    snprintf(standard, sizeof standard, "%s",
+             mtlx("standard_surface",
+                  (const char *const[]){"subsurface=1", "subsurface_scale=.2", NULL}));
+    const struct {
+        const char *text;
+        double own; // [mm]
+    } row[] = {{principled, 1000}, {medium, 1},   {surface, 1},
+               {below, 10},        {through, 10}, {standard, 10}};
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        const struct prt_import plain = import(row[i].text, true);
+        for (double times = 0.5; times < 3; times *= 4) {
+            struct prt_import *item;
+            unsigned n;
+            assert_int_equal(prt_material_import(&context, "test", row[i].text,
+                                                 strlen(row[i].text), times * row[i].own, &item,
+                                                 &n),
+                             PRT_OK);
+            assert_true(item->has_medium && item->material.eta == plain.material.eta);
+            for (int c = 0; c < 3; c++) {
+                expect_near("sigma_s' in another unit, relative",
+                            times * (double)item->material.sigma_s_prime[c] /
+                                (double)plain.material.sigma_s_prime[c],
+                            1, 1e-5);
+                expect_near("sigma_a in another unit [1/mm]",
+                            times * (double)item->material.sigma_a[c],
+                            (double)plain.material.sigma_a[c], 1e-5);
+                assert_true(item->material.g[c] == plain.material.g[c]);
+            }
+            prt_free(item);
+        }
+    }
+}
+
 // What is lost is said, by name, of the material that is chosen.
 static void losses_are_said(void **state)
 {
@@ -379,6 +434,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(half_spaces_return_their_albedo),
         cmocka_unit_test(transmissive_interiors),
+        cmocka_unit_test(units_scale_lengths),
         cmocka_unit_test(losses_are_said),
         cmocka_unit_test(every_loss_is_named),
         cmocka_unit_test(hostile_files),

@@ -218,6 +218,32 @@ static void grid_holds_media(void **state)
     assert_int_equal(prt_walk_grid_from_axes(3, axes, &again), PRT_FORMAT);
 }
 
+// Law: a medium beyond the grid is answered as the nearest one on its edge, and what that
+// misplaces is in its error.
+static void grid_ends_at_its_edge(void **state)
+{
+    struct prt_walk_grid grid;
+    double edge[PRT_WALK_MOST_LEVELS * PRT_WALK_MOST_NODES];
+    double weight[PRT_WALK_MOST_LEVELS * PRT_WALK_MOST_NODES], error[2];
+    prt_walk_grid_default(&grid);
+    const double most_s = (double)grid.level[grid.n_level - 1], least_s = (double)grid.level[0],
+                 most_a = (double)grid.node[grid.n_node - 1];
+    const double beyond[][4] = {// sigma_s', sigma_a; on the edge
+                                {1, 3 * most_a, 1, most_a},
+                                {1, -1, 1, 0},
+                                {least_s / 3, 0.1, least_s, 0.1},
+                                {3 * most_s, 0.1, most_s, 0.1},
+                                {3 * most_s, 3 * most_a, most_s, most_a}};
+    for (unsigned i = 0; i < sizeof beyond / sizeof *beyond; i++) {
+        prt_walk_grid_weights(&grid, 1.3, beyond[i][0], beyond[i][1], weight, &error[0]);
+        prt_walk_grid_weights(&grid, 1.3, beyond[i][2], beyond[i][3], edge, &error[1]);
+        for (uint32_t k = 0; k < grid.n_level * grid.n_node; k++)
+            expect_near("weight beyond the grid", weight[k], edge[k], 1e-9);
+        if (beyond[i][1] > 0)
+            expect_above("error beyond the grid, against the edge's", error[0], error[1]);
+    }
+}
+
 static int end(void **state)
 {
     prt_cube_finish(&light);
@@ -245,6 +271,7 @@ int main(void)
     bake(ball, PRT_TRANSPORT_POLYNOMIAL, 256, &env, polynomial);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(grid_holds_media),
+        cmocka_unit_test(grid_ends_at_its_edge),
         cmocka_unit_test(media_agree_with_walks),
         cmocka_unit_test(unscattered_agrees_with_walks),
         cmocka_unit_test(no_jumps),

@@ -314,6 +314,57 @@ static void holes_keep_the_dipole(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: walks that fade away in a dark medium did not escape: a closed body of it is scaled, and
+// nothing is said about holes.
+static void dark_media_have_no_holes(void **state)
+{
+    const struct prt_material ink = medium(5, 5);
+    struct prt_mesh *mesh = ball(NULL, 20);
+    n_warning = 0;
+    struct scene s = scene_of(mesh, &ink);
+    assert_int_equal(n_warning, 0);
+    assert_int_equal(s.report.n_kept, 0);
+    expect_below("share of walks that escape", s.report.leaked, 1e-3);
+    scene_finish(&s);
+}
+
+// Law: the dipole's error in a medium is that of the objects that have it (METHODS §9): of two
+// boxes together the points are those of either, and the errors are not the same.
+static void errors_are_of_one_medium(void **state)
+{
+    const struct prt_material both[2] = {*preset("skimmilk"), medium(1, 2)};
+    const uint8_t of_object[2] = {0, 1};
+    const struct prt_media media = {2, both, of_object};
+    struct prt_walk_ratio_report report;
+    struct prt_walk_ratio *ratio;
+    struct prt_dipole_error error[3];
+    struct prt_scene *scene;
+    struct model m;
+    struct part part[2] = {{0}};
+    model_init(&m, 600, 1000);
+    for (uint32_t i = 0; i < 2; i++) {
+        part[i] = (struct part){m.mesh.n_vertex, m.mesh.n_triangle, NULL};
+        add_box(&m, (float[]){i ? 20 : -20, 0, 0}, (float[]){8, i ? 1.5f : 1, 6}, 4);
+    }
+    struct prt_mesh *mesh = body_mesh(&quiet, &m, true);
+    split_parts(mesh, 2, part);
+    assert_int_equal(prt_scene_create(&quiet, mesh, &scene), PRT_OK);
+    assert_int_equal(prt_walk_ratio_create(&quiet, scene, &media, 64, 1, &ratio, &report),
+                     PRT_OK);
+    for (uint32_t i = 0; i < 3; i++)
+        assert_int_equal(prt_walk_ratio_dipole_error(ratio, &media, i, &error[i]), PRT_OK);
+    assert_int_equal(error[0].n_point + error[1].n_point, report.n_point);
+    assert_true(error[0].n_point > 0 && error[1].n_point > 0);
+    assert_int_equal(error[2].n_point, 0);
+    assert_true(error[0].bright_mm[0] < 0 && error[0].dark_mm[0] < 0);
+    assert_true(error[1].bright_mm[0] > 0 && error[1].dark_mm[0] > 0);
+    expect_above("difference of the two media's errors", fabs(error[0].rms - error[1].rms),
+                 0.02);
+    prt_walk_ratio_destroy(ratio);
+    prt_scene_destroy(scene);
+    prt_mesh_destroy(mesh);
+}
+
 static int setup(void **state)
 {
     const int failed = screen_setup(state);
@@ -329,6 +380,8 @@ int main(void)
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(ratio_is_continuous),
         cmocka_unit_test(holes_keep_the_dipole),
+        cmocka_unit_test(dark_media_have_no_holes),
+        cmocka_unit_test(errors_are_of_one_medium),
     };
     return run_physics_tests(tests, setup, screen_teardown);
 }

@@ -147,12 +147,55 @@ static void test_without_tokens(void **state)
     access_destroy(access);
 }
 
+// Requests that may be sent at once: as many as a second has, and of a slow rate ACCESS_BURST;
+// however long the token rested.
+static void test_rate(void **state)
+{
+    static const double rate[] = {0.5, 4, 40};
+    const struct options options = {.local_scopes = "view"};
+    for (int i = 0; i < 3; i++) {
+        const unsigned most = rate[i] > ACCESS_BURST ? (unsigned)rate[i] : ACCESS_BURST;
+        struct access *access;
+        struct caller caller = {.name = "token:slow"}, other = {.name = "uid:1"};
+        char text[256], hash[65], fault[256];
+        uint32_t retry_ms = 0;
+        memset(hash, 'a', 64);
+        hash[64] = 0;
+        snprintf(text, sizeof text,
+                 "{\"tokens\": [{\"name\": \"slow\", \"hash\": \"%s\", \"scopes\": \"view\", "
+                 "\"created\": 1, \"by\": \"x\", \"quotas\": {\"rate\": %g}}]}",
+                 hash, rate[i]);
+        assert_int_equal(access_create(&options, NULL, &access, fault), 0);
+        assert_int_equal(access_replace(access, text, strlen(text), fault), 0);
+        struct token *token = &access_store(access)->token[0];
+        for (int rest = 0; rest < 3; rest++) { // none, an hour, a fifth of a second
+            const unsigned more = (unsigned)(rate[i] / 5);
+            unsigned n = 0;
+            while (n < 1000 && access_take_request(access, &caller, &retry_ms)) n++;
+            // the machine may be so slow that a request more is there meanwhile
+            if (rest < 2) assert_in_range(n, most, most + 2);
+            else assert_in_range(n, more, more + 2);
+            assert_in_range(retry_ms, 1, (unsigned)(1e3 / rate[i]) + 1);
+            token->allowance_ns -= rest ? second / 5 : 3600 * second;
+        }
+        for (int k = 0; k < 100; k++)
+            assert_true(access_take_request(access, &other, &retry_ms));
+        // A new list of tokens gives nobody a new allowance.
+        while (access_take_request(access, &caller, &retry_ms)) continue;
+        assert_int_equal(access_replace(access, text, strlen(text), fault), 0);
+        unsigned n = 0;
+        while (n < 1000 && access_take_request(access, &caller, &retry_ms)) n++;
+        assert_in_range(n, 0, 2);
+        access_destroy(access);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_delays_double),  cmocka_unit_test(test_addresses),
         cmocka_unit_test(test_bounded),        cmocka_unit_test(test_scopes),
-        cmocka_unit_test(test_without_tokens),
+        cmocka_unit_test(test_without_tokens), cmocka_unit_test(test_rate),
     };
     return cmocka_run_group_tests_name("access_unit", tests, NULL, NULL);
 }

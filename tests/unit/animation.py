@@ -123,6 +123,41 @@ def nested():
     near(bind[0], [(p[0] + 6, p[1], p[2]) for p in model.position], 'the bind pose')
 
 
+def names():
+    """Animations without a name, or with another's, have one of their own, by which they are chosen."""
+    model = animated.plain()
+    for k, name in enumerate(('animation 1', '', 'animation 1', 'swim', '')):
+        model.animate(name, 0, 'translation', [0.0, 1.0], [(0, 0, 0), (k + 1, 0, 0)], 'VEC3')
+    model.write('names.gltf')
+    found = json.loads(prt('info', 'names.gltf', '--json').stdout)['animations_s']
+    expect(len(found) == 5 and {'animation 1', 'swim'} < set(found), 'five names: %s' % list(found))
+    for k, name in enumerate(found):
+        got = vertices('names.gltf', '--animation', name, '--time', '1')
+        near(got[0], [(p[0] + k + 1, p[1], p[2]) for p in model.position], 'the animation %s' % name)
+
+
+def weights_of():
+    """A morph target's weight is the animation's, else the node's, else the mesh's, else 0."""
+    for mesh, node, animated_to, want in ((0.5, None, None, 0.5), (0.5, 0.25, None, 0.25), (0.5, 0.25, 1, 1),
+                                          (None, 0.75, None, 0.75), (None, None, None, 0)):
+        model = animated.plain()
+        model.data['meshes'][0]['primitives'][0]['targets'] = [
+            {'POSITION': model.accessor('VEC3', animated.FLOAT, model.position)}]
+        if mesh is not None:
+            model.data['meshes'][0]['weights'] = [mesh]
+        if node is not None:
+            model.data['nodes'][0]['weights'] = [node]
+        if animated_to is None:
+            model.animate('go', 0, 'translation', [0.0, 1.0], [(0, 0, 0), (3, 0, 0)], 'VEC3')
+        else:
+            model.animate('go', 0, 'weights', [0.0, 1.0], [0.0, float(animated_to)], 'SCALAR')
+        model.write('weights.gltf')
+        got = vertices('weights.gltf', '--animation', 'go', '--time', '1')
+        moved = 3 if animated_to is None else 0
+        near(got[0], [((1 + want) * p[0] + moved, (1 + want) * p[1], (1 + want) * p[2]) for p in model.position],
+             'weights %s %s %s' % (mesh, node, animated_to))
+
+
 def tool():
     animated.bar().write('bar.gltf')
     info = json.loads(prt('info', 'bar.gltf', '--json').stdout)
@@ -184,4 +219,4 @@ def damaged():
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
 
 
-main(bar, long_way, spline, morph, nested, tool, damaged)
+main(bar, long_way, spline, morph, nested, names, weights_of, tool, damaged)

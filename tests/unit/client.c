@@ -211,6 +211,7 @@ static void answers_out_of_order(void **state)
         assert_int_equal(colors.n_vertex, i + 1);
         assert_int_equal(relight_colors_decode(&colors, 0, rgb), 0);
         assert_true(rgb[0] == (float)i);
+        assert_int_equal(relight_colors_decode(&colors, 1, rgb), -RELIGHT_E_ARGUMENT);
         relight_colors_finish(&colors);
     }
     assert_int_equal(relight_colors_end(client, id[0], NULL, &error), -RELIGHT_E_ARGUMENT);

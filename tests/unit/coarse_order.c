@@ -124,6 +124,19 @@ static void prompt_frames_make_the_next_finer(void **state)
     assert_true(again > n);
 }
 
+// Frames must agree one after another: late ones with prompt ones between them change nothing,
+// and neither do prompt ones with a slow one between.
+static void frames_agree_in_a_row(void **state)
+{
+    struct view_pace p = {.level = 1};
+    for (int i = 0; i < 60; i++)
+        for (int k = 0; k < 12; k++) view_pace_acknowledged(&p, k == 6 ? 300 : 150, 1);
+    assert_int_equal(p.level, 1);
+    for (int i = 0; i < 60; i++)
+        for (int k = 0; k < 20; k++) view_pace_acknowledged(&p, k ? 60 : 250, 1);
+    assert_int_equal(p.level, 1);
+}
+
 static void frames_of_other_levels_and_between_change_nothing(void **state)
 {
     struct view_pace p = {.level = 1};
@@ -140,6 +153,7 @@ int main(void)
         cmocka_unit_test(a_mesh_without_triangles_has_roots_alone),
         cmocka_unit_test(late_frames_make_the_next_coarser),
         cmocka_unit_test(prompt_frames_make_the_next_finer),
+        cmocka_unit_test(frames_agree_in_a_row),
         cmocka_unit_test(frames_of_other_levels_and_between_change_nothing),
     };
     return cmocka_run_group_tests_name("coarse_order", tests, NULL, NULL);

@@ -187,6 +187,38 @@ static void six_files(void **state)
         }
 }
 
+static void write_file(const char *name, const uint8_t *bytes, size_t n)
+{
+    FILE *f = fopen(file(name), "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(bytes, 1, n, f), n);
+    fclose(f);
+}
+
+// A hidden file, such as a file manager's, is no face; two files of one face are told.
+static void faces_are_six_files(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_env *env;
+    const uint8_t byte = 'x';
+    assert_int_equal(mkdir(file("odd"), 0700), 0);
+    for (unsigned f = 0; f < 6; f++) {
+        static const char *const name[] = {"px", "nx", "py", "ny", "pz", "nz"};
+        struct prt_image im = image(N, N);
+        char full[96];
+        draw(&im, PRT_FACES_CAMERA, f, 0, 0, false);
+        snprintf(full, sizeof full, "odd/%s.exr", name[f]);
+        write_exr(&im, full);
+    }
+    write_file("odd/._px.exr", &byte, 1);
+    write_file("odd/.posx", &byte, 1);
+    write_file("odd/thumbnail.jpg", &byte, 1);
+    agrees("odd", PRT_FACES_CAMERA);
+    write_file("odd/right.exr", &byte, 1);
+    assert_int_equal(prt_env_load(&ctx, file("odd"), &env), PRT_FORMAT);
+    assert_non_null(strstr(lines, "could be the posx face"));
+}
+
 // Cells of +X -X +Y -Y front and back; the middle of a cross is the front.
 static void strips_and_crosses(void **state)
 {
@@ -238,14 +270,6 @@ static float *float_faces(enum prt_faces faces)
     }
     free(im.rgb);
     return all;
-}
-
-static void write_file(const char *name, const uint8_t *bytes, size_t n)
-{
-    FILE *f = fopen(file(name), "wb");
-    assert_non_null(f);
-    assert_int_equal(fwrite(bytes, 1, n, f), n);
-    fclose(f);
 }
 
 enum { FACES_BYTES = 6 * N * N * 16 };
@@ -379,9 +403,13 @@ static void files_by_a_beginning(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(six_files),         cmocka_unit_test(strips_and_crosses),
-        cmocka_unit_test(cubes_in_one_file), cmocka_unit_test(files_by_a_beginning),
-        cmocka_unit_test(pic_is_radiance),   cmocka_unit_test(damaged_ktx),
+        cmocka_unit_test(six_files),
+        cmocka_unit_test(faces_are_six_files),
+        cmocka_unit_test(strips_and_crosses),
+        cmocka_unit_test(cubes_in_one_file),
+        cmocka_unit_test(files_by_a_beginning),
+        cmocka_unit_test(pic_is_radiance),
+        cmocka_unit_test(damaged_ktx),
     };
     return run_test_group(tests, setup, teardown);
 }

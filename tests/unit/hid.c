@@ -2,16 +2,20 @@
 // relight-control without devices: report descriptors and reports, dead zones and curves,
 // mapping files, and what a change does to a scene.
 #include <math.h>
+#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <cmocka.h>
 
 #include "control.h"
+#include "motion.h"
 #include "usb_reports.h"
 
 static const struct hid_field *field_of(const struct hid_description *d, const char *name)
@@ -130,6 +134,102 @@ static void mapping_files(void **state)
     unlink(path);
 }
 
+// ---- movements
+
+uint64_t control_now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+struct sender {
+    pthread_mutex_t lock;
+    pthread_cond_t changed;
+    bool held; // while it is, the sender's thread waits in take_change
+    unsigned n;
+    struct change last;
+};
+
+static bool take_change(void *user, const struct change *change)
+{
+    struct sender *s = user;
+    pthread_mutex_lock(&s->lock);
+    s->last = *change;
+    s->n++;
+    pthread_cond_broadcast(&s->changed);
+    while (s->held) pthread_cond_wait(&s->changed, &s->lock);
+    pthread_mutex_unlock(&s->lock);
+    return true;
+}
+
+static void hold_sender(struct sender *s, bool held)
+{
+    pthread_mutex_lock(&s->lock);
+    s->held = held;
+    pthread_cond_broadcast(&s->changed);
+    pthread_mutex_unlock(&s->lock);
+}
+
+static struct change change_number(struct sender *s, unsigned n)
+{
+    pthread_mutex_lock(&s->lock);
+    while (s->n < n) pthread_cond_wait(&s->changed, &s->lock);
+    const struct change last = s->last;
+    pthread_mutex_unlock(&s->lock);
+    return last;
+}
+
+static void turn(struct motion *m, struct bound *b, const char *name, enum control_kind kind,
+                 double value)
+{
+    struct usb_control c = {.kind = kind, .value = value};
+    snprintf(c.name, sizeof c.name, "%s", name);
+    motion_input(m, b, &c, 0, 1);
+}
+
+// Movements while a request is on its way are one change. A slider's place replaces what came
+// before it and not what comes after; one that hardly moved, a button that is let go and a
+// control of another device say nothing.
+static void movements_are_summed(void **state)
+{
+    struct sender s = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+    const struct device_map map = {.n_entry = 4,
+                                   .entry = {{"dial", TARGET_LIGHT_GAIN, .5, 0, 1},
+                                             {"slider", TARGET_LIGHT_GAIN, 4, .1, 1},
+                                             {"turn", TARGET_LIGHT_AZIMUTH, -2, .5, 1},
+                                             {"button", TARGET_UNDO, 1, 0, 1}}};
+    struct motion *m = motion_start(take_change, &s);
+    struct bound *b = motion_bind(&map);
+    s.held = true;
+    turn(m, b, "dial", CONTROL_RELATIVE, 2);
+    struct change c = change_number(&s, 1);
+    assert_true(c.delta[TARGET_LIGHT_GAIN] == 1 && !c.has_position[TARGET_LIGHT_GAIN]);
+    turn(m, b, "dial", CONTROL_RELATIVE, 3);
+    turn(m, b, "slider", CONTROL_POSITION, .75);
+    turn(m, b, "turn", CONTROL_RELATIVE, 4);
+    turn(m, b, "turn", CONTROL_RELATIVE, -.4);
+    turn(m, b, "button", CONTROL_BUTTON, 0);
+    turn(m, b, "other", CONTROL_RELATIVE, 9);
+    hold_sender(&s, false);
+    c = change_number(&s, 2);
+    assert_true(c.has_position[TARGET_LIGHT_GAIN] && c.position[TARGET_LIGHT_GAIN] == 1);
+    assert_true(c.delta[TARGET_LIGHT_GAIN] == 0 && c.delta[TARGET_LIGHT_AZIMUTH] == -8);
+    assert_false(c.undo || c.redo || c.reset || c.has_position[TARGET_LIGHT_AZIMUTH]);
+    hold_sender(&s, true);
+    turn(m, b, "button", CONTROL_BUTTON, 1);
+    assert_true(change_number(&s, 3).undo);
+    turn(m, b, "slider", CONTROL_POSITION, .25);
+    turn(m, b, "slider", CONTROL_POSITION, .3); // within .1 of where it was
+    turn(m, b, "dial", CONTROL_RELATIVE, 1);
+    hold_sender(&s, false);
+    c = change_number(&s, 4);
+    assert_true(c.position[TARGET_LIGHT_GAIN] == -1 && c.delta[TARGET_LIGHT_GAIN] == .5);
+    assert_false(c.undo);
+    motion_unbind(m, b);
+    motion_stop(m, NULL);
+}
+
 // ---- scenes
 
 static double number_at(const cJSON *json, const char *a, const char *b)
@@ -182,8 +282,11 @@ static void scenes(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(descriptors), cmocka_unit_test(last_usage_repeats),
-        cmocka_unit_test(curves), cmocka_unit_test(mapping_files), cmocka_unit_test(scenes)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(descriptors),
+                                       cmocka_unit_test(last_usage_repeats),
+                                       cmocka_unit_test(curves),
+                                       cmocka_unit_test(mapping_files),
+                                       cmocka_unit_test(movements_are_summed),
+                                       cmocka_unit_test(scenes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -327,6 +327,30 @@ static void used_objects_are_not_collected(void **state)
     object_store_close(a);
 }
 
+// Finding, getting and putting again are uses: each keeps an object that was idle too long.
+static void each_use_keeps_an_object(void **state)
+{
+    struct object_store *a = open_store();
+    char file[128], copy[128], path[320], hash[65];
+    uint64_t n, bytes;
+    snprintf(file, sizeof file, "%s/file", folder);
+    snprintf(copy, sizeof copy, "%s/copy", folder);
+    make_file(file, 77, 100, hash);
+    snprintf(path, sizeof path, "%s/blobs/%.2s/%s", shared, hash, hash);
+    for (int use = 0; use < 4; use++) {
+        struct timespec t = {time(NULL) - 5000, 0}, both[2] = {t, t};
+        assert_int_equal(object_put(a, OBJECT_BLOB, hash, file), 0);
+        assert_int_equal(utimensat(AT_FDCWD, path, both, 0), 0);
+        if (use == 0) assert_int_equal(object_find(a, OBJECT_BLOB, hash, &bytes), 0);
+        if (use == 1) assert_int_equal(object_get(a, OBJECT_BLOB, hash, copy), 0);
+        if (use == 2) assert_int_equal(object_put(a, OBJECT_BLOB, hash, file), 0);
+        assert_int_equal(object_collect(a, 4000, &n), 0);
+        assert_int_equal(n, use == 3);
+    }
+    unlink(copy);
+    object_store_close(a);
+}
+
 // ---- processes that are killed
 
 enum { PROCESSES = 4, OBJECTS = 24, CLAIMS = 4 };
@@ -551,6 +575,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_released_claim_is_another, setup, teardown),
         cmocka_unit_test_setup_teardown(who_loses_the_race_claims_nothing, setup, teardown),
         cmocka_unit_test_setup_teardown(used_objects_are_not_collected, setup, teardown),
+        cmocka_unit_test_setup_teardown(each_use_keeps_an_object, setup, teardown),
         cmocka_unit_test_setup_teardown(one_that_is_removed_is_whole_or_gone, setup, teardown),
         cmocka_unit_test_setup_teardown(a_blob_that_is_there_is_used, setup, teardown),
         cmocka_unit_test_setup_teardown(nothing_acknowledged_is_lost, setup, teardown),

@@ -191,6 +191,14 @@ describe("the link", () => {
     const both: SceneState = { ...FIRST, compare: { mode: "wipe", at: 0.25, other: scene } };
     expect(fromFragment(toFragment(both))).toEqual(both);
   });
+  test("lights are kept in range", () => {
+    const lamp = (text: string) => fromFragment(`light=${text}`).lamps[0];
+    expect(lamp("constant@10,500")).toMatchObject({ rotate: 10, tilt: 90, gain: [1, 1, 1] });
+    expect(lamp("constant@10,-91")).toMatchObject({ tilt: -90 });
+    expect(lamp("constant@0,0,-1,1e9,0.5")).toMatchObject({ gain: [0, 1e4, 0.5] });
+    expect(lamp("constant@0,90")).toMatchObject({ tilt: 90 });
+    expect(fromFragment("light=constant&".repeat(9)).lamps).toHaveLength(8);
+  });
   test("unreadable words take their defaults", () => {
     const odd = fromFragment(
       "#light=javascript:1@2,3&orbit=a,b,c&ev=1e99&term=x&background=1,2&tone=",
