@@ -219,7 +219,7 @@ static void time_left(void **state)
                 {"walks", spot_walk, false}};
     for (int i = 0; i < 3; i++) {
         const struct pace_kind kind = {
-            .joint = bake[i].joint, .single = true, .n_vertex = 3225};
+            .joint = bake[i].joint, .single = true, .n_vertex = 3225, .n_sample = 150000};
         struct pace_history history = {0};
         double first = replay(bake[i].point, kind, 1, &history);
         double second = replay(bake[i].point, kind, 3, &history);
