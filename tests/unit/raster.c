@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // raster/: coverage, barycentrics, hidden surfaces, anti-aliasing, Fresnel, specular, tone map.
 // Above 600 lines: short cases that share small meshes and their camera.
-#include "prt/picture.h"
 #include "prt/raster.h"
 
 #include <math.h>
@@ -12,7 +11,6 @@
 #include <string.h>
 
 #include <cmocka.h>
-#include <zlib.h>
 
 #include "../data.h"
 
@@ -734,55 +732,6 @@ static void tone_values(void **state)
 }
 
 // Every value of a ramp is within one step of the curves of METHODS §6: none, filmic, Reinhard.
-// A chunk's data in a PNG, and its length.
-static const uint8_t *chunk_of(const struct prt_blob *png, const char *name, size_t *n)
-{
-    const uint8_t *p = png->bytes;
-    for (size_t at = 8; at + 12 <= png->size; at += *n + 12) {
-        *n = (size_t)p[at] << 24 | (size_t)p[at + 1] << 16 | (size_t)p[at + 2] << 8 | p[at + 3];
-        if (!memcmp(p + at + 4, name, 4)) return p + at + 8;
-    }
-    fail_msg("no %s", name);
-    return NULL;
-}
-
-// Transparent pictures of 8 and of 16 bits say the same: nothing is 0, whole is the most that a
-// channel holds, and between them colours are those behind the alpha.
-static void transparent_png(void **state)
-{
-    enum { N = 5 };
-    float rgb[3 * N], alpha[N] = {0, 0.25f, 0.5f, 1, 2};
-    for (int i = 0; i < 3 * N; i++) rgb[i] = 0.4f * fminf(alpha[i / 3], 1);
-    struct prt_image image = {N, 1, rgb, alpha};
-    const struct prt_picture_format *png = prt_picture_format("a.PNG");
-    for (int fine = 0; fine < 2; fine++) {
-        const struct prt_picture_options o = {.tone = PRT_TONE_NONE, .fine = fine};
-        struct prt_blob blob;
-        uint8_t row[1 + 8 * N];
-        size_t n;
-        uLongf size = sizeof row;
-        assert_int_equal(png->encode(&quiet, &image, &o, &blob), PRT_OK);
-        assert_int_equal(chunk_of(&blob, "IHDR", &n)[8], fine ? 16 : 8);
-        const uint8_t *data = chunk_of(&blob, "IDAT", &n);
-        assert_int_equal(uncompress(row, &size, data, n), Z_OK);
-        const int wide = fine ? 2 : 1, pixel = 4 * wide, filter = row[0];
-        assert_int_equal(size, 1 + N * pixel);
-        assert_true(filter <= 1); // none, or the difference from the left
-        for (int i = pixel; filter == 1 && i < N * pixel; i++)
-            row[1 + i] = (uint8_t)(row[1 + i] + row[1 + i - pixel]);
-        const int most = fine ? 65535 : 255, unit = fine ? 257 : 1;
-        const int want[N] = {0, 64 * unit, 128 * unit, most, most};
-        for (int i = 0; i < N; i++) {
-            const uint8_t *p = row + 1 + i * pixel;
-            const int a = fine ? p[6] << 8 | p[7] : p[3], red = fine ? p[0] << 8 | p[1] : p[0];
-            assert_int_equal(a, want[i]);
-            // sRGB of 0.4 is 0.6652; nothing has no colour, nor does more than all.
-            if (i && i < 4) assert_true(abs(red - (int)(0.6652 * most)) <= unit);
-        }
-        prt_free(blob.bytes);
-    }
-}
-
 static void tone_curves(void **state)
 {
     static float ramp[3 * 4096];
@@ -937,7 +886,6 @@ int main(void)
         cmocka_unit_test(points_compose_as_planes),
         cmocka_unit_test(tone_values),
         cmocka_unit_test(tone_curves),
-        cmocka_unit_test(transparent_png),
         cmocka_unit_test(camera_faults),
         cmocka_unit_test(sizes_are_limited),
         cmocka_unit_test(default_camera_frames),

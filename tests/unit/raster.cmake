@@ -1,1 +1,1 @@
-prt_test(raster SOURCES unit/raster.c LIBS prt_raster z LABELS unit)
+prt_test(raster SOURCES unit/raster.c LIBS prt_raster LABELS unit)

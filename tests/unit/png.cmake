@@ -1,0 +1,1 @@
+prt_test(png SOURCES unit/png.c LIBS prt_raster z LABELS unit)
