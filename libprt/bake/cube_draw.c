@@ -106,6 +106,7 @@ static uint32_t find(const struct triangle_grid *grid, struct nearby *near)
         else fits = between;
     }
     near->reach = fits;
+    if (fails == 0) return n;
     n = prt_triangle_grid_near(grid, near->centre, fits, near->triangle, DRAW_MOST);
     if (n <= DRAW_MOST) return n;
     near->reach = 0; // large triangles everywhere

@@ -12,14 +12,14 @@ enum { DRAW_MOST = 1536 };
 
 /* The triangles about a centre, all that have a point within `reach` mm of it. */
 struct nearby {
-    uint32_t n; /* a multiple of 16: the last ones may have no area */
+    uint32_t n; /* a multiple of 16: the last one is repeated */
     float centre[3], reach;
     uint32_t *triangle;  /* [DRAW_MOST] of the mesh */
     float *corner[3][3]; /* [corner][axis][DRAW_MOST], relative to the centre */
     float *normal[3][3]; /* [corner][axis][DRAW_MOST] of the vertices */
 };
-/* What is seen from one point. A face's coordinates of direction (s, t, 1) are those of
- * prt_cube_direction. */
+/* The triangles that are seen from one point, at each texel of the cube. s and t of a direction
+ * (s, t, 1) are the coordinates on a face that prt_cube_direction takes. */
 struct drawing {
     float from[3];    /* relative to the centre */
     float certain_mm; /* a hit up to this distance is the first of the whole mesh; 0: nothing
@@ -47,15 +47,16 @@ void prt_draw(const struct directions *d, unsigned pattern, const float p[3], ui
 struct corners {
     float n[3][3][16]; /* [corner][axis] */
 };
-/* What a drawing shows at 16 texels, whose slopes are prt_direction_slopes of the pattern it
- * was made with: distances t [mm] and numbers `at` in `nearby`, or UINT32_MAX where nothing is
- * within `most` mm. Returns the lanes that are certain; towards the others a ray must be cast.
- */
+/* Reads 16 texels of a drawing: the distance t [mm] of the triangle that is seen and its number
+ * `at` in `nearby`, or UINT32_MAX where no triangle is within `most` mm. slope: of the pattern
+ * that was drawn with (prt_direction_slopes). Returns the lanes whose answer is certain; for
+ * the others a ray must be cast. */
 uint32_t prt_draw_look(unsigned cpu, const struct drawing *drawing, const float *slope,
                        uint32_t n_coef, const uint32_t texel[16], float most, float t[16],
                        uint32_t at[16]);
-/* Fills t, u, v, g and triangle of the packet, whose rays begin at the drawing's point and meet
- * triangles at [16] of `near`, t [16] mm away, and their normals. UINT32_MAX: it met none. */
+/* Writes what rays from the drawing's point hit, as prt_scene_intersect16 does: t, u, v, g and
+ * triangle of the packet, whose directions are given, and the vertex normals of the triangles.
+ * at, t: of prt_draw_look. */
 void prt_draw_hits(unsigned cpu, const struct nearby *near, const struct drawing *drawing,
                    const uint32_t at[16], const float t[16], struct prt_packet *packet,
                    struct corners *normals);

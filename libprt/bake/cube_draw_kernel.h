@@ -2,6 +2,19 @@
 /* Drawing triangles on a cube, as plain loops over 16 lanes; included by cube_draw.c once for
  * each instruction set, in its region of base/isa.h. */
 
+// out[c] = the cross product of the two corners after c.
+PRT_INLINE void PRT_KERNEL(crosses)(const float v[3][3][16], float out[3][3][16])
+{
+    for (int c = 0; c < 3; c++) {
+        const float(*a)[16] = v[(c + 1) % 3], (*b)[16] = v[(c + 2) % 3];
+        for (int i = 0; i < 16; i++) {
+            out[c][0][i] = a[1][i] * b[2][i] - a[2][i] * b[1][i];
+            out[c][1][i] = a[2][i] * b[0][i] - a[0][i] * b[2][i];
+            out[c][2][i] = a[0][i] * b[1][i] - a[1][i] * b[0][i];
+        }
+    }
+}
+
 // Planes through the point and two corners of each of 16 triangles. Towards d, the dot products
 // with the three are the shares of the corners times 1/r, where d r is the triangle's point;
 // all are positive where the triangle is seen. And the window of texels of each face that a
@@ -15,14 +28,7 @@ static void PRT_KERNEL(project)(const struct nearby *near, uint32_t first, const
         for (int k = 0; k < 3; k++)
             for (int i = 0; i < 16; i++) v[c][k][i] = near->corner[c][k][first + i] - from[k];
     float p[3][3][16];
-    for (int c = 0; c < 3; c++) {
-        float(*a)[16] = v[(c + 1) % 3], (*b)[16] = v[(c + 2) % 3];
-        for (int i = 0; i < 16; i++) {
-            p[c][0][i] = a[1][i] * b[2][i] - a[2][i] * b[1][i];
-            p[c][1][i] = a[2][i] * b[0][i] - a[0][i] * b[2][i];
-            p[c][2][i] = a[0][i] * b[1][i] - a[1][i] * b[0][i];
-        }
-    }
+    PRT_KERNEL(crosses)(v, p);
     for (int i = 0; i < 16; i++) {
         float volume =
             v[0][0][i] * p[0][0][i] + v[0][1][i] * p[0][1][i] + v[0][2][i] * p[0][2][i];
@@ -140,14 +146,7 @@ static void PRT_KERNEL(hits)(const struct nearby *near, const float from[3],
             for (int i = 0; i < 16; i++) v[c][k][i] = corner[of[i]] - from[k];
             for (int i = 0; i < 16; i++) normals->n[c][k][i] = normal[of[i]];
         }
-    for (int c = 0; c < 3; c++) {
-        float(*a)[16] = v[(c + 1) % 3], (*b)[16] = v[(c + 2) % 3];
-        for (int i = 0; i < 16; i++) {
-            n[c][0][i] = a[1][i] * b[2][i] - a[2][i] * b[1][i];
-            n[c][1][i] = a[2][i] * b[0][i] - a[0][i] * b[2][i];
-            n[c][2][i] = a[0][i] * b[1][i] - a[1][i] * b[0][i];
-        }
-    }
+    PRT_KERNEL(crosses)(v, n);
     for (int i = 0; i < 16; i++) {
         float x = packet->dx[i], y = packet->dy[i], z = packet->dz[i];
         float a = n[0][0][i] * x + n[0][1][i] * y + n[0][2][i] * z;

@@ -17,6 +17,7 @@
 //     bunny, 34835      joint*        20000    16       888             704   1.26
 //     bunny, 34835      wavelet      150000    32      3501            2970   1.18
 //     bunny, 34835      joint        150000    32      5219            4608   1.13
+#include "bake/cube_draw.h"
 #include "bake/measure.h"
 #include "bake/run.h"
 #include "bake/walks.h"
@@ -181,8 +182,8 @@ static double horizon(const struct demand *d)
 static double single_bytes(const struct demand *d, double functions)
 {
     double cells = d->widest * d->coef * (4 + functions);
-    double arrays = SINGLE_MAX_NODES * (5 * d->paths + 1) + 4 + functions;
-    double rays = arrays * d->coef * 4;
+    double arrays = SINGLE_MAX_NODES * (5 * d->paths + 2 + 2) + 4 + functions;
+    double rays = arrays * d->coef * 4 + (double)prt_draw_bytes(0, 0);
     return cells + rays;
 }
 
@@ -377,7 +378,7 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
     double rows = (d.samples + d.nodes) * (d.layers > 1 ? 1.25 : 1) * d.coef * 2;
     if (rows > (double)prt_bake_rows_room(&b.o)) rows = 0; // they are on disk
     double trees = d.samples * (8 + 4) + d.nodes * sizeof(struct node);
-    double rays = prt_bake_patterns(&b.o) * d.coef * SUBS * 16;
+    double rays = prt_bake_patterns(&b.o) * d.coef * SUBS * 24;
     double work = d.area > 0 ? fmax(stages(&d, rows), measuring(&d)) : stages(&d, 0);
     double held = (double)kept + trees + rays + model_bytes(mesh);
     double all = PROGRAM + d.threads * A_THREAD + fmax(held + work, (double)making);

@@ -130,7 +130,7 @@ static inline void add(uint64_t *set, unsigned bin, bool value)
     set[bin / 64] |= (uint64_t)value << bin % 64;
 }
 
-// What is known of a vertex's bins at one size.
+// The bins of one vertex, coarse or fine: what their rays met, and which are certain.
 struct sight {
     uint64_t open[HORIZON_WORDS], hit[HORIZON_WORDS]; // by the ray through the bin's centre
     uint64_t visible[HORIZON_WORDS], blocked[HORIZON_WORDS];

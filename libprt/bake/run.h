@@ -20,11 +20,14 @@ struct bake {
     struct directions *directions;
     struct clusters *clusters;
     struct half_rows irradiance;
-    struct horizon *horizon; // of pass 1 and of single scattering; NULL: not yet, or no memory
-    struct radial_set *radial;     // [media.n] R_d of each medium; wavelet
-    struct single_plan *single;    // [media.n], which share horizon and grid; NULL: not planned
-    struct factored *factored;     // [n_cluster] of the tensor at hand
-    struct spill *spill;           // has their rows; NULL: memory has them
+    // Both save rays; NULL: not made yet, or no memory.
+    struct horizon *horizon;    // of pass 1 and of single scattering
+    struct triangle_grid *grid; // of single scattering
+    struct radial_set *radial;  // [media.n] R_d of each medium; wavelet
+    struct single_plan
+        *single;               // [media.n], with the bake's horizon and grid; NULL: not planned
+    struct factored *factored; // [n_cluster] of the tensor at hand
+    struct spill *spill;       // has their rows; NULL: memory has them
     struct sparse_builder *sparse; // of the tensor at hand; NULL: factored storage
     struct prt_transport out;
     uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]

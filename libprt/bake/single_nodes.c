@@ -22,16 +22,14 @@ struct batch {
     uint32_t fill;
     struct target target[16];
 };
-// Directions of one node whose exit may be drawn.
+// Directions of one node whose exits are to be looked for in its drawing.
 struct wishes {
     uint32_t fill;
     struct target target[16];
-    uint32_t ray[16];   // of directions->x
-    uint32_t texel[16]; // of the targets
+    uint32_t ray[16]; // number in directions->x
 };
 
-// Packets of one vertex: directions whose exit may be drawn, rays that are traced, and shadow
-// rays beyond the exits.
+// What waits for one vertex: directions to look up, rays to exits, and shadow rays beyond them.
 struct queue {
     const struct single_plan *plan;
     const struct fresnel_table *fresnel;
@@ -182,12 +180,12 @@ static void flush_wishes(struct queue *q, uint32_t a)
     struct corners normals;
     struct batch drawn = {.fill = 0};
     float all_t[16], t[16];
-    uint32_t all_at[16], at[16], hit = 0;
+    uint32_t texel[16], all_at[16], at[16], hit = 0;
     if (!w->fill) return;
-    for (uint32_t i = w->fill; i < 16; i++) w->texel[i] = w->texel[0];
+    for (uint32_t i = 0; i < 16; i++) texel[i] = w->target[i < w->fill ? i : 0].texel;
     uint32_t known =
         prt_draw_look(plan->cpu, &room->drawing[a], q->slope[a], plan->directions->n_coef,
-                      w->texel, plan->inward_mm, all_t, all_at);
+                      texel, plan->inward_mm, all_t, all_at);
     for (uint32_t i = 0; i < w->fill; i++) {
         if (!(known >> i & 1)) {
             trace_ray(q, a, w->ray[i], &w->target[i]);
@@ -229,7 +227,6 @@ static void push(struct queue *q, uint32_t a, unsigned pattern, uint32_t block, 
         trace_ray(q, a, ray, &target);
         return;
     }
-    w->texel[w->fill] = target.texel;
     w->ray[w->fill] = ray;
     w->target[w->fill] = target;
     if (++w->fill == 16) flush_wishes(q, a);
@@ -405,7 +402,7 @@ static void trace_texels(struct queue *q, const struct layout *l)
     finish_rays(q);
 }
 
-// Draws what the nodes see.
+// Draws the triangles about the vertex on a cube around each node.
 static void draw_near(struct queue *q, const struct layout *l)
 {
     const struct single_plan *plan = q->plan;

@@ -412,7 +412,8 @@ struct single_plan {
     float differ, differ_texel, uncertain;
     float max_optical_depth; /* beyond it one node's ray is used for all nodes */
 };
-/* Fills the fields behind work, and creates horizon and grid; finish destroys them. */
+/* Fills the fields behind work, and creates the horizon and the grid that it has none of;
+ * finish destroys both. A bake keeps them for all its plans and does not call it. */
 void prt_single_plan_depths(struct single_plan *plan);
 void prt_single_plan_finish(struct single_plan *plan);
 /* Depths [mm] of the nodes along a path through `thickness` mm of the body, geometric. */

@@ -279,8 +279,9 @@ static uint64_t usable_memory(const struct options *o)
     return o->memory < free_bytes ? o->memory : free_bytes;
 }
 
-// Memory of a sanitizer beside the bake's own: its shadow memory, which the thread sanitizer
-// has about 4 times of what is in use, and its quarantine of freed blocks.
+// What a sanitizer adds to the memory of a bake: its quarantine of freed blocks [bytes], and
+// its shadow memory, by which the bake's own is multiplied. That of the thread sanitizer is
+// about four times the memory in use.
 #if defined(__SANITIZE_THREAD__)
 static const uint64_t instrumented = UINT64_C(2) << 30, shadowed = 6;
 #elif defined(__SANITIZE_ADDRESS__)

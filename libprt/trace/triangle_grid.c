@@ -8,8 +8,8 @@
 #include <math.h>
 #include <string.h>
 
-// Cells for each triangle, and the size of a triangle, in cells, above which it is large. A
-// search visits 13 x 13 x 13 cells within 5 mm of a bunny of 50 mm.
+// Cells for each triangle, and the radius of a triangle, in cells, above which it is large;
+// chosen.
 static const double cells_for_each = 2, large = 2;
 
 struct triangle_grid {
@@ -129,7 +129,7 @@ struct search {
     uint32_t *out, most, n;
 };
 
-// Adds those of the range whose ball meets the search's.
+// Adds the triangles of a range of cells whose ball reaches into that of the search.
 static void take(struct search *s, uint32_t begin, uint32_t end)
 {
     for (uint32_t i = begin; i < end && s->n <= s->most; i++) {
