@@ -204,7 +204,8 @@ static void drawings_show_what_rays_meet(void **state)
     check_drawings(flutes(), 32, all, 1.2f, 2.5f, 0.9);
     check_drawings(flutes(), 16, all & PRT_CPU_AVX2, 1.2f, 2.5f, 0.9);
     check_drawings(flutes(), 40, 0, 12, 13, 0.4);
-    // The deepest points lie 1.2 mm from the centre: not all that they want was gathered.
+    // The deepest points lie 1.2 mm from the centre, so triangles within reach of them are
+    // missing.
     check_drawings(flutes(), 16, all, 3, 3.1f, 0.3);
     check_drawings(large_and_small(), 64, all, 30, 31, 0.4);
 }

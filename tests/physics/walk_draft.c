@@ -72,7 +72,7 @@ static void a_draft_is_scaled_to_walks(void **state)
     float(*dipole)[3] = draft(mesh, prt_media_one(&milk), false);
     walk_truth_pick(&truth, mesh, NULL);
     walk_truth_take(&truth, mesh, &milk, &light, PRT_REFERENCE_MULTIPLE, 3072);
-    expect_walk_error("error of a draft that walks follow", &truth, scaled, 0.06);
+    expect_walk_error("error of a draft that walks follow", &truth, scaled, 0.036);
     expect_above("error of a draft by the dipole",
                  walk_truth_error(&truth, (const float(*)[3])dipole).least, 0.06);
     free(scaled);

@@ -168,7 +168,7 @@ static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
     for (int i = 0; extra && extra[i]; i++) argv[n++] = extra[i];
     pid_t pid = fork();
     if (pid == 0) {
-        prctl(PR_SET_PDEATHSIG, SIGTERM); // a test that ends early leaves none behind
+        prctl(PR_SET_PDEATHSIG, SIGTERM); // ends with the test, however that ends
         int fd = open(d->log, O_CREAT | O_APPEND | O_WRONLY, 0600);
         dup2(fd, 2);
         execv(argv[0], (char *const *)argv);

@@ -456,9 +456,9 @@ static void test_poses_are_counted(void **state)
     end();
 }
 
-// Whether the daemon runs under AddressSanitizer or ThreadSanitizer, whose memory says nothing
-// of its own.
-static bool keeps_freed_memory(void)
+// Whether the daemon runs under AddressSanitizer or ThreadSanitizer: its memory says nothing of
+// its own then, and it is slow.
+static bool is_sanitized(void)
 {
     char path[64];
     snprintf(path, sizeof path, "/proc/%d/maps", (int)d.pid);
@@ -501,7 +501,7 @@ static void test_texels_lie_there_once(void **state)
     }
     double views = (double)(resident_kb() - before) / (double)each;
     print_message("%d views hold the bytes of %.1f\n", N, views);
-    assert_true(keeps_freed_memory() || views < 1.4 * N);
+    assert_true(is_sanitized() || views < 1.4 * N);
     free(texels);
     frames_close(f);
     relight_close(client);
@@ -668,7 +668,7 @@ static void test_headers_that_unpack_to_much(void **state)
     }
     print_message("a header of a mebibyte was answered after %.1f ms\n", best * 1e3);
     // Reading it is most of that; a sanitizer makes it ten times as long.
-    assert_true(best < (keeps_freed_memory() ? 0.2 : 0.02));
+    assert_true(best < (is_sanitized() ? 0.2 : 0.02));
     relight_close(client);
     frames_close(f);
     served();
@@ -697,7 +697,7 @@ static void test_idle_after_a_large_header(void **state)
         assert_int_equal(frames_wait(f[i], 2).code, 0);
     }
     long each = (resident_kb() - before) / N;
-    const bool kept = keeps_freed_memory();
+    const bool kept = is_sanitized();
     print_message("%ld KiB a connection\n", each);
     for (int i = 0; i < N; i++) frames_close(f[i]);
     end();

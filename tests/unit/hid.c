@@ -188,9 +188,9 @@ static void turn(struct motion *m, struct bound *b, const char *name, enum contr
     motion_input(m, b, &c, 0, 1);
 }
 
-// Movements while a request is on its way are one change. A slider's place replaces what came
-// before it and not what comes after; one that hardly moved, a button that is let go and a
-// control of another device say nothing.
+// Movements while a request is on its way are one change. A slider's place replaces the
+// movements before it, and those after it are added to it. One that hardly moved, a button that
+// is let go and a control of another device change nothing.
 static void movements_are_summed(void **state)
 {
     struct sender s = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
