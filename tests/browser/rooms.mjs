@@ -29,6 +29,22 @@ async function agree(a, b) {
   }
 }
 
+// The link goes down, and stays so until connect.
+async function disconnect(page) {
+  await page.evaluate(() => {
+    const { client } = globalThis.relightViewer;
+    client.connect = () => undefined;
+    client.socket.close();
+  });
+  await page.getByText("Offline", { exact: true }).first().waitFor({ timeout: 120_000 });
+}
+const connect = (page) =>
+  page.evaluate(() => {
+    const { client } = globalThis.relightViewer;
+    delete client.connect;
+    client.connect();
+  });
+
 // A hand with Shift turns the light; it presses at the middle and moves to the right.
 async function drag(page, steps) {
   await page.locator(".stage").focus();
@@ -238,24 +254,26 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
     async "a room after a lost connection"(home) {
       const ann = await create(home, "model=marble.prt&light=constant@0,0", "Ann", "Offline");
       const bob = await join(ann, "Bob");
-      // The link is down until it is put up again.
-      await bob.evaluate(() => {
-        const { client } = globalThis.relightViewer;
-        client.connect = () => undefined;
-        client.socket.close();
-      });
-      await bob.getByText("Offline", { exact: true }).first().waitFor(PATIENCE);
+      await disconnect(bob);
       await bob.locator(".stage").focus();
       await bob.keyboard.press("Shift+ArrowRight");
       await ann.locator(".stage").focus();
       await ann.keyboard.press("Shift+ArrowLeft");
       await ann.waitForTimeout(600);
-      await bob.evaluate(() => {
-        const { client } = globalThis.relightViewer;
-        delete client.connect;
-        client.connect();
-      });
+      await connect(bob);
       await bob.getByText(/another person changed the same part/).waitFor(PATIENCE);
+      await agree(ann, bob);
+
+      // A model that was chosen offline is everybody's afterwards.
+      await disconnect(bob);
+      await bob.evaluate(() => (location.hash = "model=open.prt"));
+      await connect(bob);
+      for (const one of [bob, ann])
+        await one.waitForFunction(
+          () => globalThis.relightViewer.info?.name === "open.prt",
+          null,
+          PATIENCE,
+        );
       await agree(ann, bob);
       await ann.context().close();
       await bob.context().close();

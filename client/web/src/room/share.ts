@@ -60,12 +60,15 @@ function bringLights(): void {
   }
 }
 
+const isId = (model: string) => /^[0-9a-f]{32}$/.test(model);
+
 export function sceneNow(): SceneInit {
   const now = scene.value;
   const lights = lightsOf(now.lamps, uploads) ?? shared?.lights ?? [];
   // A name is known as an id when the model is here.
-  const isId = /^[0-9a-f]{32}$/.test(now.model);
-  const model = isId ? now.model : (info.value?.model ?? state.value?.scene?.model ?? "");
+  const model = isId(now.model)
+    ? now.model
+    : (info.value?.model ?? state.value?.scene?.model ?? "");
   const placed = viewer?.framed ? viewer.placed(now) : null;
   const out = sceneOf(now, model, placed, lights, PICTURE, state.value?.scene);
   if (!placed) out.camera = shared?.camera;
@@ -210,9 +213,16 @@ export function showParts(parts: readonly string[]): void {
   shared = apart.value ? null : sceneNow();
 }
 
+// A model that this person chose by its name becomes the room's when its id is known.
+function choicePends(): boolean {
+  const { model } = scene.value;
+  return shared !== null && !isId(model) && info.value?.name !== model;
+}
+
 /** Shows the room's state, unless what this person did is on its way. */
 export function showRoom(): void {
-  if (!scenePends()) showParts(PARTS);
+  if (scenePends()) return;
+  showParts(choicePends() ? PARTS.filter((part) => part !== "model") : PARTS);
 }
 
 // From the room's scene to the own one of who is followed, along with it, and back.
