@@ -237,6 +237,7 @@ static void losses_are_said(void **state)
     static const char *const path = PRT_SHARED_DATA "/materials/mtlx/";
     char file[512];
     struct prt_material m;
+    want_data(path);
     snprintf(file, sizeof file, "%sopen_pbr_pearl.mtlx", path);
     said[0] = 0;
     assert_int_equal(prt_material_load(&context, file, &m), PRT_OK);
@@ -259,7 +260,11 @@ static void losses_are_said(void **state)
     said[0] = 0;
     assert_true(prt_material_load(&context, file, &m) < 0);
     assert_non_null(strstr(said, "it is clear"));
-    said[0] = 0;
+}
+
+static void unknown_kinds_are_said(void **state)
+{
+    struct prt_material m;
     struct prt_import cloud =
         import("MakeNamedMedium \"c\" \"string type\" \"cloud\" \"float density\" [1]", false);
     assert_non_null(strstr(cloud.why_not, "cloud"));
@@ -436,6 +441,7 @@ int main(void)
         cmocka_unit_test(transmissive_interiors),
         cmocka_unit_test(units_scale_lengths),
         cmocka_unit_test(losses_are_said),
+        cmocka_unit_test(unknown_kinds_are_said),
         cmocka_unit_test(every_loss_is_named),
         cmocka_unit_test(hostile_files),
         cmocka_unit_test(twenty_materials),
