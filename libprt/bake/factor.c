@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A cluster's transport as U (few columns a vertex) times a wavelet basis, from products with
 // random lights (METHODS §3, HMT11): the dense rows of the model are never formed.
+#include "bake/loops.h"
 #include "bake/stages.h"
 #include "bake/work.h"
 
@@ -139,8 +140,7 @@ static int store_rows(const struct factor_plan *plan, float *b, struct factored 
     out->energy = prt_alloc((size_t)out->rank * n_coef + 1, sizeof *out->energy);
     if (!out->b || !out->scale || !out->energy) return PRT_NOMEM;
     for (size_t i = 0; i < rows; i++) {
-        float *row = b + i * n_coef, most = 0;
-        for (uint32_t k = 0; k < n_coef; k++) most = fmaxf(most, fabsf(row[k]));
+        const float most = largest_of(b + i * n_coef, n_coef);
         out->scale[i] = most > 0 ? most : 1;
     }
     for (uint32_t r = 0; r < out->rank; r++) {

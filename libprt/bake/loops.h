@@ -6,6 +6,9 @@
 
 #include "bake/single.h"
 
+#include <math.h>
+#include <stddef.h>
+
 struct bake_loops {
     uint32_t (*prepare)(const struct directions *d, size_t at, const float n[3],
                         const float f[3], const struct fresnel_table *fresnel,
@@ -29,6 +32,16 @@ struct bake_loops {
                            uint32_t n);
     void (*raise_share)(const float *x, float scale, float *share, uint32_t n);
 };
+/* The largest absolute value of x [n]; 0 for none. Eight at a time, without a call of fmaxf. */
+static inline float largest_of(const float *x, size_t n)
+{
+    float lane[8] = {0};
+    for (size_t k = 0; k < n; k += 8)
+        for (size_t j = 0; j < (n - k < 8 ? n - k : 8); j++)
+            lane[j] = fabsf(x[k + j]) > lane[j] ? fabsf(x[k + j]) : lane[j];
+    for (size_t j = 1; j < 8; j++) lane[0] = lane[j] > lane[0] ? lane[j] : lane[0];
+    return lane[0];
+}
 /* The loops for a mask of enum prt_cpu; 0: plain C. */
 const struct bake_loops *prt_bake_loops(unsigned cpu);
 

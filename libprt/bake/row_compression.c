@@ -96,8 +96,7 @@ static int find_components(const struct metric *m, const float *gram, uint32_t n
 // One component's coefficients as halves, divided by the largest.
 static void to_halves(const float *x, uint32_t n, uint16_t *out, float *scale, float *room)
 {
-    float most = 0;
-    for (uint32_t k = 0; k < n; k++) most = fmaxf(most, fabsf(x[k]));
+    const float most = largest_of(x, n);
     *scale = most > 0 ? most : 1;
     for (uint32_t k = 0; k < n; k++) room[k] = x[k] / *scale;
     prt_f32_to_f16_array(room, n, out);

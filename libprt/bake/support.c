@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Supports: vertices that are spread evenly over the model and whose rows are interpolated at
 // the others. As a row source a cluster is the product of the weights with the supports' rows.
+#include "bake/loops.h"
 #include "bake/support.h"
 
 #include <cblas.h>
@@ -115,8 +116,7 @@ void prt_support_destroy(struct support *s)
 void prt_support_set(struct support *s, uint32_t i, const float *row)
 {
     const size_t n = (size_t)s->n_function * s->n_texel;
-    float most = 0;
-    for (size_t k = 0; k < n; k++) most = fmaxf(most, fabsf(row[k]));
+    const float most = largest_of(row, n);
     s->scale[i] = most > 0 ? most / 1024 : 1; // far above a half's least number
     float *scaled = prt_alloc(n, sizeof *scaled);
     for (size_t k = 0; scaled && k < n; k++) scaled[k] = row[k] / s->scale[i];
@@ -284,7 +284,9 @@ static int support_project(void *user, const float *u, uint32_t rank, float *out
     float *mixed = prt_alloc((size_t)rank * k->n_column + 1, sizeof *mixed);
     float *rows = prt_alloc((size_t)k->n_column * s->n_texel, sizeof *rows);
     float *coarse = prt_alloc((size_t)rank * s->n_texel + 1, sizeof *coarse);
-    int status = mixed && rows && coarse ? PRT_OK : PRT_NOMEM;
+    uint32_t *texel = prt_alloc(n_coef, sizeof *texel); // the coarse one of each
+    int status = mixed && rows && coarse && texel ? PRT_OK : PRT_NOMEM;
+    for (uint32_t t = 0; status == PRT_OK && t < n_coef; t++) texel[t] = coarse_texel(k, t);
     if (status == PRT_OK)
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, (int)k->n_column,
                     (int)k->n_vertex, 1, u, (int)k->n_vertex, k->weight, (int)k->n_column, 0,
@@ -296,13 +298,14 @@ static int support_project(void *user, const float *u, uint32_t rank, float *out
                     coarse, (int)s->n_texel);
         for (uint32_t r = 0; r < rank; r++) {
             float *to = out + ((size_t)r * F + f) * n_coef;
-            for (uint32_t t = 0; t < n_coef; t++)
-                to[t] = coarse[(size_t)r * s->n_texel + coarse_texel(k, t)];
+            const float *from = coarse + (size_t)r * s->n_texel;
+            for (uint32_t t = 0; t < n_coef; t++) to[t] = from[texel[t]];
         }
     }
     prt_free(mixed);
     prt_free(rows);
     prt_free(coarse);
+    prt_free(texel);
     return status;
 }
 
