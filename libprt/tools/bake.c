@@ -279,9 +279,9 @@ static uint64_t usable_memory(const struct options *o)
     return o->memory < free_bytes ? o->memory : free_bytes;
 }
 
-// What a sanitizer adds to the memory of a bake: its quarantine of freed blocks [bytes], and
-// its shadow memory, by which the bake's own is multiplied. That of the thread sanitizer is
-// about four times the memory in use.
+// A sanitizer needs memory of its own. `instrumented` bytes hold freed blocks that it keeps;
+// with its shadow memory a bake takes `shadowed` times as much (the thread sanitizer's shadow
+// is about four times the memory in use).
 #if defined(__SANITIZE_THREAD__)
 static const uint64_t instrumented = UINT64_C(2) << 30, shadowed = 6;
 #elif defined(__SANITIZE_ADDRESS__)

@@ -262,6 +262,7 @@ static void losses_are_said(void **state)
     assert_non_null(strstr(said, "it is clear"));
 }
 
+// A medium of a kind that is not read is named in the reason; presets go by their names.
 static void unknown_kinds_are_said(void **state)
 {
     struct prt_material m;

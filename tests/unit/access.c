@@ -184,7 +184,7 @@ static void test_rate(void **state)
         }
         for (int k = 0; k < 100; k++)
             assert_true(access_take_request(access, &other, &retry_ms));
-        // Who has used up an allowance gets none by a new list of tokens.
+        // A new list of tokens does not refill the allowance of a token that stays in it.
         while (access_take_request(access, &caller, &retry_ms)) continue;
         const uint64_t start = loop_now_ns();
         assert_int_equal(access_replace(access, text, strlen(text), fault), 0);
