@@ -139,6 +139,9 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
                                      struct cache_entry *contracted_light,
                                      struct cache_entry *contracted_material);
 
+/* Starts the passes that waited for an evaluation whose light was being turned. */
+void relight_pass_go_on(struct model *model);
+
 /* ---- irradiance.c: struct vertex_values of one plane, E at the vertices ---- */
 
 /* Traced under the light's cube, which takes seconds. */
@@ -165,6 +168,18 @@ struct coarse_order {
 struct cache_entry *coarse_order_get(struct model *model, struct cache_entry *file);
 /* Colours of a frame of this level: 1/2^level of the vertices. */
 uint32_t coarse_count(const struct coarse_order *coarse, unsigned level);
+
+/* ---- texture_files.c: struct texture_files ---- */
+
+enum { TEXTURE_LEVELS = 16 }; /* of an image of at most 32768 texels a side */
+struct texture_files {
+    uint8_t *bytes; /* PNG files of RGBA, from the full size on */
+    size_t size;
+    uint32_t n_level, level[TEXTURE_LEVELS]; /* bytes of each file */
+};
+/* image: index into the images of the shape's mesh. */
+struct cache_entry *texture_files_get(struct model *model, struct cache_entry *shape,
+                                      uint32_t image);
 
 /* ---- surface_maps.c: struct prt_screen_map ---- */
 

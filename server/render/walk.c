@@ -49,8 +49,24 @@ static void release(struct cache_entry **entry)
     *entry = NULL;
 }
 
+// Passes of the model wait for evaluations whose lights are being turned.
+static void begin_turning(struct render *r)
+{
+    r->turning = true;
+    r->model->n_turning++;
+}
+
+static void end_turning(struct render *r)
+{
+    if (!r->turning) return;
+    r->turning = false;
+    r->model->n_turning--;
+    relight_pass_go_on(r->model);
+}
+
 void render_release(struct render *r)
 {
+    end_turning(r);
     struct dependency *one[] = {
         &r->file,       &r->shape,    &r->variant,    &r->media,  &r->screen_radiance,
         &r->visibility, &r->specular, &r->background, &r->map[0], &r->map[1],
@@ -265,6 +281,7 @@ static void step_lights(struct render *r)
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) env[i] = r->env[i].entry;
     for (unsigned i = 0; i < render_n_values(s) && !render_light_is_baked(r); i++)
         depend(r, &r->light[i], light_get(r->server, s, env, i, each, cube, true));
+    if (r->n_waiting && !r->screen) begin_turning(r);
     if (!draws(r)) return;
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
         depend_on_specular(r, env);
@@ -534,6 +551,9 @@ static void take_steps(struct render *r)
             return;
         }
         run_step[r->step++](r);
+        // It joined a pass, or waits for a contraction, which may take long.
+        if (r->step > STEP_RADIANCE || (r->step == STEP_RADIANCE && r->n_waiting))
+            end_turning(r);
     }
     r->walking = false;
 }

@@ -41,6 +41,7 @@ struct render {
     enum render_step step;   /* the next one */
     unsigned n_waiting;      /* dependencies that are pending */
     bool walking;
+    bool turning;        /* counted in the model's n_turning */
     bool finishing;      /* its last step's work was submitted */
     bool *ended;         /* set when the evaluation ends while render_start still runs */
     bool screen;         /* an image-space engine answers, for the current vertices */

@@ -128,7 +128,7 @@ struct opening {
     bool away;                 // its file is in a folder that cannot be read now
     bool header_only;          // without entry: only the properties that LIST shows
     char path[PATH_MAX];
-    struct import_copy *used; // stays until it is mapped
+    struct import_copy *used; // stays until it is read
     struct prt_file *file;
     float ms;
 };
@@ -159,9 +159,11 @@ static int run_opening(struct work *work, const struct prt_context *ctx)
     double start = prt_time_s();
     int fetched = fetch(o, ctx);
     if (fetched) return fetched;
-    int status = prt_file_open(
-        ctx, o->path, o->entry || o->header_only ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL,
-        &o->file);
+    int status =
+        o->entry ? prt_file_read(ctx, o->path, PRT_FILE_CHECK_HEADERS, &o->file)
+                 : prt_file_open(ctx, o->path,
+                                 o->header_only ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL,
+                                 &o->file);
     o->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
 }

@@ -111,6 +111,7 @@ struct model {
     bool gone; /* forgotten; alive until its last reference */
     struct model_watcher *watcher;
     struct gathering *gathering;
+    unsigned n_turning;        /* evaluations whose lights are being turned for a pass */
     struct prt_camera frame;   /* frames this generation at this aspect, computed once */
     uint64_t frame_generation; /* 0: none was */
     float frame_aspect;

@@ -604,6 +604,33 @@ static void foreign_files_are_refused(void **state)
     assert_false(prt_file_probe(path));
 }
 
+// Unlike a map, whose pages beyond a file's new end raise SIGBUS.
+static void what_was_read_outlives_its_file(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_blob blob = written();
+    struct prt_file *map, *read;
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_ALL, &map), 0);
+    assert_int_equal(prt_file_read(&ctx, path, PRT_FILE_CHECK_ALL, &read), 0);
+    assert_int_equal(prt_file_bytes(read), blob.size);
+    assert_true(prt_file_hash(read) == prt_file_hash(map));
+    prt_file_close(map);
+    assert_int_equal(truncate(path, 0), 0);
+    assert_int_equal(prt_write_file(&ctx, path, "x", 1), 0);
+    struct prt_transport t;
+    make(&t);
+    same(t.mesh.position, prt_file_transport(read)->mesh.position, 101 * 12);
+    same(t.tensor[N_KIND - 1].order, prt_file_transport(read)->tensor[N_KIND - 1].order,
+         101 * 4);
+    unmake(&t);
+    prt_file_close(read);
+    assert_int_equal(prt_file_read(&ctx, path, PRT_FILE_CHECK_HEADERS, &read), PRT_FORMAT);
+    assert_int_equal(prt_file_read(&ctx, folder, PRT_FILE_CHECK_HEADERS, &read), PRT_IO);
+    unlink(path);
+    assert_int_equal(prt_file_read(&ctx, path, PRT_FILE_CHECK_HEADERS, &read), PRT_IO);
+    prt_free(blob.bytes);
+}
+
 static void failed_writes_leave_nothing(void **state)
 {
     struct prt_context ctx = quiet();
@@ -772,6 +799,7 @@ int main(void)
         cmocka_unit_test(broken_structure_is_refused),
         cmocka_unit_test(large_counts_are_refused),
         cmocka_unit_test(foreign_files_are_refused),
+        cmocka_unit_test(what_was_read_outlives_its_file),
         cmocka_unit_test(failed_writes_leave_nothing),
         cmocka_unit_test(pairs_keep_their_rows),
         cmocka_unit_test(broken_pairs_are_refused),

@@ -46,7 +46,7 @@ void bench_end(void);
 
 // Seconds of one call of fn, measured over about env->seconds after one call to warm up.
 struct bench_time {
-    double best, median;
+    double best, median, mean;
     unsigned n;
 };
 typedef int (*bench_fn)(void *arg);

@@ -68,8 +68,13 @@ static int call_some(bench_fn fn, void *arg, unsigned n, struct calls *calls)
 
 static struct bench_time time_of(struct calls *calls)
 {
+    double sum = 0;
+    for (unsigned i = 0; i < calls->n; i++) sum += calls->time[i];
     qsort(calls->time, calls->n, sizeof *calls->time, ascending);
-    return (struct bench_time){calls->time[0], calls->time[calls->n / 2], calls->n};
+    return (struct bench_time){.best = calls->time[0],
+                               .median = calls->time[calls->n / 2],
+                               .mean = sum / calls->n,
+                               .n = calls->n};
 }
 
 int bench_measure(const struct bench_env *env, bench_fn fn, void *arg, struct bench_time *out)

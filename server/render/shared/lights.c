@@ -30,34 +30,54 @@ static void destroy_cube(void *value)
     free(value);
 }
 
-static int add_summand(const struct prt_context *ctx, const struct light_job *l,
-                       const struct summand *s, bool first)
+// Multiplies the cube by a gain, and adds it to the sum where there is one.
+static void gain_cube(struct prt_cube *cube, const float gain[3], struct prt_cube *sum)
 {
-    struct prt_cube *sum = l->job.value, cube = {0};
-    struct prt_env inline_env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
-    const struct prt_env *env = s->env ? s->env : &inline_env;
-    bool as_it_is = !s->env && s->texels.n == l->cube_n && s->rotate_deg == 0;
-    int status = as_it_is ? PRT_OK : prt_env_turned(ctx, env, l->cube_n, s->rotate_deg, &cube);
-    if (status) return status;
-    const float *from = as_it_is ? s->texels.texel : cube.texel;
-    size_t n = (size_t)6 * l->cube_n * l->cube_n;
+    const size_t n = (size_t)6 * cube->n * cube->n;
     for (size_t i = 0; i < n; i++)
-        for (int c = 0; c < 3; c++) {
-            float x = from[3 * i + (size_t)c] * s->gain[c];
-            float *to = &sum->texel[3 * i + (size_t)c];
-            *to = first ? x : *to + x;
+        for (size_t c = 0; c < 3; c++) {
+            const float x = cube->texel[3 * i + c] * gain[c];
+            if (sum) sum->texel[3 * i + c] += x;
+            else cube->texel[3 * i + c] = x;
         }
+}
+
+// A summand's own cube, without its gain.
+static int turned(const struct prt_context *ctx, const struct light_job *l,
+                  const struct summand *s, struct prt_cube *out)
+{
+    const struct prt_env inline_env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
+    const bool as_it_is = !s->env && s->texels.n == l->cube_n && s->rotate_deg == 0;
+    if (!as_it_is)
+        return prt_env_turned(ctx, s->env ? s->env : &inline_env, l->cube_n, s->rotate_deg,
+                              out);
+    int status = prt_cube_init(out, l->cube_n);
+    if (!status) memcpy(out->texel, s->texels.texel, 72ull * l->cube_n * l->cube_n);
+    return status;
+}
+
+static int add_summand(const struct prt_context *ctx, const struct light_job *l,
+                       const struct summand *s, struct prt_cube *sum)
+{
+    struct prt_cube cube = {0};
+    int status = turned(ctx, l, s, &cube);
+    if (!status) gain_cube(&cube, s->gain, sum);
     prt_cube_finish(&cube);
-    return PRT_OK;
+    return status;
 }
 
 static int run(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct light_job *l = (struct light_job *)job;
-    struct prt_cube *cube = job->value = calloc(1, sizeof *cube);
-    int status = cube ? prt_cube_init(cube, l->cube_n) : PRT_NOMEM;
-    for (unsigned i = 0; !status && i < l->n; i++)
-        status = add_summand(ctx, l, &l->part[i], i == 0);
+    static const float unit[3] = {1, 1, 1};
+    const struct light_job *l = (struct light_job *)job;
+    struct prt_cube *sum = job->value = calloc(1, sizeof *sum);
+    int status = !sum    ? PRT_NOMEM
+                 : !l->n ? prt_cube_init(sum, l->cube_n)
+                         : turned(ctx, l, &l->part[0], sum);
+    if (!status && l->n && memcmp(l->part[0].gain, unit, sizeof unit))
+        gain_cube(sum, l->part[0].gain, NULL);
+    for (unsigned i = 1; !status && i < l->n; i++)
+        status = add_summand(ctx, l, &l->part[i], sum);
     job->bytes = (size_t)72 * l->cube_n * l->cube_n;
     return status;
 }

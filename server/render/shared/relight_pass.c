@@ -28,6 +28,7 @@ struct pass_item {
 enum {
     MOST_PASSES = 2,   // of a model at a time
     SCRATCH_SHARE = 8, // a pass's scratch takes at most this part of --cache, or one item
+    HOLD_NS = 1000000, // turning 16 lights takes half of this on two cores
 };
 
 struct pass {
@@ -47,8 +48,10 @@ struct gathering {
     struct model *model;
     struct pass_item *first, **last;
     size_t n_waiting;
-    size_t scratch_bytes; // of one item
-    unsigned most;        // items of a pass
+    size_t scratch_bytes;   // of one item
+    unsigned most;          // items of a pass
+    struct loop_timer hold; // while it waits for lights that are being turned
+    uint64_t held_ns;       // since when; 0: it does not
     struct pass pass[MOST_PASSES];
     char before[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // payers of the last pass that ended
     unsigned n_before;
@@ -333,6 +336,21 @@ static bool rejoin(struct pass *pass)
     return true;
 }
 
+static void hold_ended(struct loop_timer *timer);
+
+// Whether the next pass waits for evaluations whose lights are being turned: they come soon and
+// share it. Not for long, as their turn may come after other work.
+static bool holds(struct gathering *g)
+{
+    if (!g->model->n_turning) return false;
+    const uint64_t now = loop_now_ns();
+    if (!g->held_ns) g->held_ns = now;
+    if (now - g->held_ns >= HOLD_NS) return false;
+    g->hold.fire = hold_ended;
+    if (!g->hold.armed) loop_timer_set(g->model->server->loop, &g->hold, g->held_ns + HOLD_NS);
+    return true;
+}
+
 // Starts a pass with what waits: where none runs, or where it is full.
 static void go_on(struct gathering *g)
 {
@@ -343,9 +361,15 @@ static void go_on(struct gathering *g)
         any |= g->pass[k].first != NULL;
         if (!g->pass[k].first) idle = &g->pass[k];
     }
-    if (!g->first || !idle || (any && g->n_waiting < g->most)) return;
+    if (!g->first || !idle || (g->n_waiting < g->most && (any || holds(g)))) return;
+    g->held_ns = 0;
     share_places(g, &share);
     if (!any || share.n_granted == g->most) start_pass(idle, &share);
+}
+
+static void hold_ended(struct loop_timer *timer)
+{
+    go_on((struct gathering *)((char *)timer - offsetof(struct gathering, hold)));
 }
 
 // Frees the gathering where nothing runs or waits.
@@ -355,6 +379,7 @@ static void end_gathering(struct gathering *g)
     for (unsigned k = 0; k < MOST_PASSES; k++)
         if (g->pass[k].first) return;
     g->model->gathering = NULL;
+    loop_timer_stop(g->model->server->loop, &g->hold);
     for (unsigned k = 0; k < MOST_PASSES; k++) {
         prt_free(g->pass[k].scratch);
         cache_discharge(g->model->server->cache, g->pass[k].charged);
@@ -462,6 +487,11 @@ static void add_item(struct gathering *g, struct pass_item *item)
     for (unsigned k = 0; k < MOST_PASSES; k++)
         if (rejoin(&g->pass[k])) return;
     go_on(g);
+}
+
+void relight_pass_go_on(struct model *model)
+{
+    if (model->gathering) go_on(model->gathering);
 }
 
 struct cache_entry *relight_pass_get(struct model *model, const char *key,
