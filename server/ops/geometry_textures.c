@@ -4,6 +4,7 @@
 
 #include "net/request_wait.h"
 #include "relight.pb-c.h"
+#include "render/evaluation.h"
 #include "render/shared/geometry.h"
 
 #include <stdio.h>
@@ -173,31 +174,68 @@ static int copy_image(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
+// What an answer with one image tells of it.
+struct image_answer {
+    Relight__GeometryAnswer answer;
+    Relight__TextureImage *list[1];
+    struct image_text text;
+};
+
+static void describe_image(const struct prt_texture_image *image, struct image_answer *out)
+{
+    relight__geometry_answer__init(&out->answer);
+    relight__texture_image__init(&out->text.image);
+    hash_text(image, out->text.hash);
+    out->text.image.hash = out->text.hash;
+    out->text.image.width = image->width;
+    out->text.image.height = image->height;
+    out->text.image.kind = (Relight__TextureKind)image->kind;
+    out->text.image.bytes = image->bytes;
+    out->list[0] = &out->text.image;
+    out->answer.images = out->list;
+    out->answer.n_images = 1;
+}
+
 static void image_copied(struct request_wait *wait, struct request *request)
 {
     struct image_wait *w = (struct image_wait *)wait;
-    const struct prt_mesh *mesh = mesh_of(w->shape);
+    const struct prt_texture_image *image = &mesh_of(w->shape)->image[w->image];
     if (request && wait->work.status) {
         request_fail(request, error_of_status(wait->work.status), "%s", wait->work.error);
     } else if (request) {
-        Relight__GeometryAnswer out = RELIGHT__GEOMETRY_ANSWER__INIT;
-        struct payload payload = {w->bytes, (size_t)mesh->image[w->image].bytes, w->bytes,
-                                  prt_free};
-        struct image_text text = {0};
-        Relight__TextureImage *list[1] = {&text.image};
-        relight__texture_image__init(&text.image);
-        hash_text(&mesh->image[w->image], text.hash);
-        text.image.hash = text.hash;
-        text.image.width = mesh->image[w->image].width;
-        text.image.height = mesh->image[w->image].height;
-        text.image.kind = (Relight__TextureKind)mesh->image[w->image].kind;
-        text.image.bytes = mesh->image[w->image].bytes;
-        out.images = list;
-        out.n_images = 1;
+        struct image_answer out;
+        struct payload payload = {w->bytes, (size_t)image->bytes, w->bytes, prt_free};
+        describe_image(image, &out);
         w->bytes = NULL;
-        request_answer(request, &out.base, &payload);
+        request_answer(request, &out.answer.base, &payload);
     }
     prt_free(w->bytes);
+    cache_release(w->shape);
+    free(w);
+}
+
+static void release_entry(void *entry)
+{
+    cache_release(entry);
+}
+
+static void files_made(struct request_wait *wait, struct request *request)
+{
+    struct image_wait *w = (struct image_wait *)wait;
+    struct cache_entry *entry = wait->entry;
+    if (request && entry->state == CACHE_READY) {
+        struct image_answer out;
+        struct texture_files *f = entry->value;
+        struct payload payload = {f->bytes, f->size, entry, release_entry};
+        describe_image(&mesh_of(w->shape)->image[w->image], &out);
+        out.text.image.n_png_bytes = f->n_level;
+        out.text.image.png_bytes = f->level;
+        cache_hold(entry);
+        request_answer(request, &out.answer.base, &payload);
+    } else if (request) {
+        request_fail(request, entry->error_code, "%s", entry->error);
+    }
+    cache_release(entry);
     cache_release(w->shape);
     free(w);
 }
@@ -228,7 +266,9 @@ static void image_ready(struct request *request, struct model *m, struct cache_e
     w->shape = shape;
     w->image = i;
     cache_hold(shape);
-    request_await_work(request, &w->wait, copy_image, image_copied);
+    if (MESSAGE(GeometryRequest)->png)
+        request_await_entry(request, &w->wait, texture_files_get(m, shape, i), files_made);
+    else request_await_work(request, &w->wait, copy_image, image_copied);
 }
 
 void op_geometry_image(struct request *request)

@@ -8,6 +8,7 @@ import {
 import type { Client } from "../protocol/client";
 import { Type } from "../protocol/frame";
 import { meshOf, type Mesh } from "./geometry";
+import { readsPng, texelsOf } from "./png";
 import { imagesOf, type TextureData } from "./surface-maps";
 
 export interface MeshSource {
@@ -44,14 +45,17 @@ export async function fetchImages(
   images: MeshSource["images"],
 ): Promise<Map<number, TextureData>> {
   const out = new Map<number, TextureData>();
+  const png = readsPng && client.has("texture-png");
   for (const [index, { hash, width, height, kind }] of images) {
-    const { payload } = await client.request(
+    const { message, payload } = await client.request(
       Type.Geometry,
       GeometryRequestSchema,
-      { model, image: hash },
+      { model, image: hash, png },
       GeometryAnswerSchema,
     );
-    out.set(index, { texels: payload, width, height, kind });
+    const sizes = message.images[0]?.pngBytes ?? [];
+    const texels = sizes.length ? await texelsOf(payload, sizes) : payload;
+    out.set(index, { texels, width, height, kind });
   }
   return out;
 }

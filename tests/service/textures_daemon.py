@@ -1,0 +1,85 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Images of a textured model from GEOMETRY: raw texels and PNG files are the same numbers.
+
+   tests/service/textures_daemon.py PATH/TO/bin PATH/TO/python"""
+import os
+import struct
+import sys
+import zlib
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
+sys.path.insert(0, sys.argv[2])
+import relight as package  # noqa: E402
+from programs import daemon, expect, main, relight  # noqa: E402
+from relight.messages import message  # noqa: E402
+from textured_ball import glb, png  # noqa: E402
+
+WIDTH, HEIGHT = 33, 20
+
+
+def paeth(left, up, corner):
+    guess = left + up - corner
+    return min((abs(guess - left), 0, left), (abs(guess - up), 1, up), (abs(guess - corner), 2, corner))[2]
+
+
+def decoded(file):
+    """Width, height and RGBA bytes of a PNG file (RFC 2083)."""
+    at, data, size = 8, b'', (0, 0)
+    expect(file[:8] == b'\x89PNG\r\n\x1a\n', 'no PNG file')
+    while at < len(file):
+        n, kind = struct.unpack('>I4s', file[at:at + 8])
+        body = file[at + 8:at + 8 + n]
+        expect(struct.unpack('>I', file[at + 8 + n:at + 12 + n])[0] == zlib.crc32(kind + body), 'a chunk is damaged')
+        if kind == b'IHDR':
+            size = struct.unpack('>II', body[:8])
+            expect(body[8:] == b'\x08\x06\0\0\0', 'the file is no RGBA of 8 bits')
+        data += body if kind == b'IDAT' else b''
+        at += 12 + n
+    rows, n, out, up = zlib.decompress(data), 4 * size[0], b'', bytes(4 * size[0])
+    for y in range(size[1]):
+        kind, row = rows[y * (n + 1)], bytearray(rows[y * (n + 1) + 1:(y + 1) * (n + 1)])
+        for i in range(n):
+            left, corner = (row[i - 4], up[i - 4]) if i >= 4 else (0, 0)
+            guess = [0, left, up[i], (left + up[i]) // 2, paeth(left, up[i], corner)][kind]
+            row[i] = (row[i] + guess) & 255
+        out, up = out + row, row
+    return size, out
+
+
+def check():
+    # no row is like its neighbour, so that a wrong row or filter is seen
+    rows = [[((x * 7 + y * y * 3) % 256, (x * y * 5) % 256, (255 - x * 6 + y) % 256) for x in range(WIDTH)]
+            for y in range(HEIGHT)]
+    glb('t.glb', [png(WIDTH, HEIGHT, rows)], {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}})
+    with daemon('--data', 'data', '--models', '.'):
+        relight('load', 't.glb', '--name', 't', '--mm-per-unit', '1000', '--material', 'marble', '--preview')
+        with package.Client('unix:socket') as client:
+            listed = client._call('GEOMETRY', message('GeometryRequest', model='t', textures=True)).message.images
+            expect(len(listed) == 1, '%d images' % len(listed))
+            ask = {'model': 't', 'image': listed[0].hash}
+            raw = client._call('GEOMETRY', message('GeometryRequest', **ask))
+            for again in range(2):  # the second answer is from the cache
+                packed = client._call('GEOMETRY', message('GeometryRequest', png=True, **ask))
+            image, payload = packed.message.images[0], bytes(packed.payload)
+            expect(len(raw.payload) == raw.message.images[0].bytes == image.bytes, 'sizes of the raw texels')
+            expect(not raw.message.images[0].png_bytes, 'raw texels are said to be files')
+            expect(sum(image.png_bytes) == len(payload), 'sizes of the files')
+            at, texels, sizes = 0, b'', []
+            for n in image.png_bytes:
+                size, level = decoded(payload[at:at + n])
+                sizes.append(size)
+                texels += level
+                at += n
+            expect(sizes == [(33, 20), (16, 10), (8, 5), (4, 2), (2, 1), (1, 1)], 'levels %s' % sizes)
+            expect(texels == bytes(raw.payload), 'the files have other texels')
+            first = b''.join(bytes((*p, 255)) for p in rows[0])
+            expect(texels[:len(first)] == first, "the first row is not the model's")
+            try:
+                client._call('GEOMETRY', message('GeometryRequest', model='t', image='0' * 32, png=True))
+                expect(False, 'an image that is not there was sent')
+            except package.RelightError as error:
+                expect(error.code == 'NOT_FOUND', 'the error is %s' % error.code)
+
+
+main(check)
