@@ -77,7 +77,7 @@ static int coefficients(struct bench_env *env)
 {
     struct prt_file *f;
     if (!env->file) return PRT_OK;
-    int status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
+    int status = prt_file_read(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
     if (status) return status;
     status = frames(env, prt_file_transport(f));
     prt_file_close(f);
