@@ -113,6 +113,58 @@ static void levels_average_light(void **state)
     }
 }
 
+// A texel of the next level is the mean over its share of the side, three texels of an odd one.
+static void odd_sides_weigh_by_area(void **state)
+{
+    struct prt_rng rng;
+    prt_rng_init(&rng, 8, 1);
+    for (uint32_t n = 2; n <= 15; n++)
+        for (int along = 0; along < 2; along++) {
+            const uint32_t w = along ? 1 : n, h = along ? n : 1, m = n / 2;
+            struct prt_texture_image image;
+            uint8_t *t = prt_calloc(prt_texture_bytes(w, h), 1);
+            for (uint32_t i = 0; i < 4 * n; i++) t[i] = (uint8_t)(prt_rng_u32(&rng) >> 24);
+            prt_texture_finish_levels(w, h, PRT_TEXTURE_DATA, t, &image);
+            for (uint32_t i = 0; i < 4 * m; i++) {
+                const double wide = (double)n / m, begin = i / 4 * wide;
+                double mean = 0;
+                for (uint32_t k = 0; k < n; k++) {
+                    const double share = fmin(k + 1, begin + wide) - fmax(k, begin);
+                    mean += fmax(share, 0) / wide * t[4 * k + i % 4];
+                }
+                assert_float_equal(t[4 * n + i], mean, 0.501);
+            }
+            prt_free(t);
+        }
+}
+
+// A map with a transform is the map without it at transformed coordinates and footprints.
+static void transforms_turn_footprints(void **state)
+{
+    enum { SIDE = 64 };
+    struct prt_texture_image image;
+    struct prt_rng rng;
+    uint8_t *t = prt_calloc(prt_texture_bytes(SIDE, SIDE), 1);
+    prt_rng_init(&rng, 9, 1);
+    for (int i = 0; i < 4 * SIDE * SIDE; i++) t[i] = (uint8_t)(prt_rng_u32(&rng) >> 24);
+    prt_texture_finish_levels(SIDE, SIDE, PRT_TEXTURE_DATA, t, &image);
+    for (int round = 0; round < 200; round++) {
+        struct prt_texture_ref turned = plain_ref(), plain = plain_ref();
+        float *m = turned.transform, x[3][2], y[3][2], a[4], b[4];
+        for (int k = 0; k < 6; k++) m[k] = 2 * prt_rng_f32(&rng) - 1;
+        for (int k = 0; k < 3; k++) {
+            const float size = k ? (float)(k == 1 ? 16 : 2) / SIDE : 1; // a point, two steps
+            for (int c = 0; c < 2; c++) x[k][c] = size * (2 * prt_rng_f32(&rng) - 1);
+            for (int c = 0; c < 2; c++)
+                y[k][c] = m[3 * c] * x[k][0] + m[3 * c + 1] * x[k][1] + (k ? 0 : m[3 * c + 2]);
+        }
+        prt_texture_sample(&image, t, &turned, x[0], x[1], x[2], a);
+        prt_texture_sample(&image, t, &plain, y[0], y[1], y[2], b);
+        for (int c = 0; c < 4; c++) assert_float_equal(a[c], b[c], 1e-4);
+    }
+    prt_free(t);
+}
+
 // Every level has one value, 20 times its number: a footprint of x texels has level log2(x),
 // between two levels their mix, the nearest of them or, without levels, the first; never one
 // past the last.
@@ -436,11 +488,18 @@ static void wrong_texture_records(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(wrap_modes),          cmocka_unit_test(levels_average_light),
-        cmocka_unit_test(levels_by_footprint), cmocka_unit_test(anisotropic),
-        cmocka_unit_test(hash_is_of_content),  cmocka_unit_test(decoding_and_limits),
-        cmocka_unit_test(maps_of_a_gltf),      cmocka_unit_test(normals_tilt_up),
-        cmocka_unit_test(volumes_of_a_gltf),   cmocka_unit_test(wrong_texture_records),
+        cmocka_unit_test(wrap_modes),
+        cmocka_unit_test(levels_average_light),
+        cmocka_unit_test(levels_by_footprint),
+        cmocka_unit_test(anisotropic),
+        cmocka_unit_test(odd_sides_weigh_by_area),
+        cmocka_unit_test(transforms_turn_footprints),
+        cmocka_unit_test(hash_is_of_content),
+        cmocka_unit_test(decoding_and_limits),
+        cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(normals_tilt_up),
+        cmocka_unit_test(volumes_of_a_gltf),
+        cmocka_unit_test(wrong_texture_records),
     };
     return run_test_group(tests, NULL, NULL);
 }
