@@ -422,6 +422,35 @@ static void small_mirrors_are_steady(void **state)
     prt_cube_finish(&sky);
 }
 
+// Colours at vertices change no normal: the variance of normals over a pixel stays.
+static void colours_keep_the_variance(void **state)
+{
+    struct scene s;
+    struct prt_gbuffer g[2];
+    struct prt_visibility *vis[2];
+    struct prt_camera c = front(200, 30);
+    double most = 0;
+    scene_init(&s, 49 * 97, 4 * 48 * 48);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 48, true);
+    for (int k = 0; k < 2; k++) {
+        if (k) {
+            s.mesh.color = calloc(s.mesh.n_vertex, sizeof *s.mesh.color);
+            for (uint32_t i = 0; i < 4 * s.mesh.n_vertex; i++) s.mesh.color[0][i] = 0.5f;
+        }
+        vis[k] = see(&s, &c, 32, 32, 8);
+        prt_visibility_gbuffer(vis[k], &g[k]);
+    }
+    assert_int_equal(g[0].n_point, g[1].n_point);
+    for (uint32_t i = 0; i < g[0].n_point; i++) {
+        most = fmax(most, (double)g[0].variance[i]);
+        assert_float_equal(g[1].variance[i], g[0].variance[i], 1e-6);
+    }
+    assert_true(most > 1e-3);
+    free(s.mesh.color);
+    for (int k = 0; k < 2; k++) prt_visibility_destroy(vis[k]);
+    scene_finish(&s);
+}
+
 // At normal incidence F_t/T = (1 - ((eta-1)/(eta+1))²)/T (METHODS §1, exit); opaque surfaces
 // keep plane 0 as it is.
 static void fresnel_at_normal_incidence(void **state)
@@ -877,6 +906,7 @@ int main(void)
         cmocka_unit_test(fresnel_at_normal_incidence),
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
+        cmocka_unit_test(colours_keep_the_variance),
         cmocka_unit_test(phase_planes_times_harmonics),
         cmocka_unit_test(turned_specular_and_8_bits),
         cmocka_unit_test(specular_of_constant_is_constant),
