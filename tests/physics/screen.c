@@ -286,6 +286,86 @@ static void irradiance_closed_forms(void **state)
     free(cube.texel);
 }
 
+// Law: a lamp gives I cos / d^2, or nothing where something stands between; what stands beyond
+// it takes nothing (METHODS §1, irradiance).
+static void lamps_under_a_roof(void **state)
+{
+    static const struct {
+        float where[3];
+        bool point;
+        double want;
+    } row[] = {{{0, 5, 0}, true, 1 / 25.},     // below the roof
+               {{3, 4, 0}, true, 0.8 / 25},    // the same, aslant
+               {{0, 20, 0}, true, 0},          // above it
+               {{0, -5, 0}, true, 0},          // below the floor
+               {{40, 30, 0}, true, .6 / 2500}, // past its edge
+               {{0, 1, 0}, false, 0},          {{4, 3, 0}, false, 0.6}};
+    struct model model;
+    struct prt_scene *scene;
+    struct samples s;
+    uint64_t rays = 0;
+    model_init(&model, 100, 100);
+    struct prt_block *block = begin_block(&model, true);
+    add_sheet(&model, (float[3]){0, 10, 0}, (float[3]){6, 0, 0}, (float[3]){0, 0, 6}, 2);
+    end_block(&model, block);
+    assert_int_equal(prt_scene_create(&quiet, &model.mesh, &scene), PRT_OK);
+    assert_true(prt_samples_init(&s, 1));
+    s.n = 1;
+    s.object[0] = 0;
+    for (int k = 0; k < 3; k++) s.p[k][0] = 0, s.normal[k][0] = s.face[k][0] = k == 1;
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_screen_light light = {.rgb = {1, 2, 0}, .point = row[i].point};
+        const float *w = row[i].where;
+        const float length = row[i].point ? 1 : hypotf(w[0], w[1]);
+        for (int k = 0; k < 3; k++) light.where[k] = w[k] / length;
+        assert_int_equal(prt_irradiance_traced(&quiet, scene, 1, &light, NULL, &s, &rays),
+                         PRT_OK);
+        for (int c = 0; c < 3; c++)
+            expect_near(row[i].point ? "E of a lamp" : "E from afar", s.e[c][0],
+                        row[i].want * (double)light.rgb[c], 1e-6);
+    }
+    prt_samples_finish(&s);
+    prt_scene_destroy(scene);
+    model_finish(&model);
+}
+
+// Law: fewer lights than six faces are one, of the cube's power and from the mean direction of
+// its power (METHODS §6).
+static void few_lights_are_their_mean(void **state)
+{
+    enum { SIDE = 8 };
+    static const struct {
+        uint32_t face, x, y;
+        float rgb[3];
+    } lamp[] = {{0, 5, 2, {3, 1, 2}}, {2, 1, 6, {0.5f, 0.2f, 0.1f}}, {5, 3, 3, {0, 1, 1}}};
+    struct prt_cube cube = constant_cube(SIDE, (float[3]){0, 0, 0});
+    double want[3] = {0}, mean[3] = {0}, length = 0;
+    for (size_t i = 0; i < sizeof lamp / sizeof *lamp; i++) {
+        const uint32_t x = lamp[i].x, y = lamp[i].y;
+        const double omega = prt_cube_solid_angle(SIDE, x, y);
+        float d[3];
+        prt_cube_direction(lamp[i].face, (2 * x + 1.0) / SIDE - 1, (2 * y + 1.0) / SIDE - 1, d);
+        for (int c = 0; c < 3; c++) {
+            cube.texel[3 * ((lamp[i].face * SIDE + y) * SIDE + x) + (uint32_t)c] =
+                lamp[i].rgb[c];
+            want[c] += omega * (double)lamp[i].rgb[c];
+            for (int k = 0; k < 3; k++)
+                mean[k] += omega * (double)lamp[i].rgb[c] * (double)d[k];
+        }
+    }
+    for (int k = 0; k < 3; k++) length += mean[k] * mean[k];
+    for (uint32_t n = 1; n < 6; n++) {
+        struct prt_screen_light light[6];
+        assert_int_equal(prt_screen_lights_from_cube(&cube, n, light), 1);
+        for (int k = 0; k < 3; k++) {
+            expect_near("power of the one light", (double)light[0].rgb[k], want[k], 1e-6);
+            expect_near("direction of the one light", (double)light[0].where[k],
+                        mean[k] / sqrt(length), 1e-6);
+        }
+    }
+    free(cube.texel);
+}
+
 // Law: errors against the sum over all texels fall as samples grow (METHODS §6, expected
 // error).
 static void errors_fall(void **state)
@@ -599,6 +679,8 @@ int main(void)
         cmocka_unit_test(thin_wall_shines),
         cmocka_unit_test(translation_changes_nothing),
         cmocka_unit_test(irradiance_closed_forms),
+        cmocka_unit_test(lamps_under_a_roof),
+        cmocka_unit_test(few_lights_are_their_mean),
         cmocka_unit_test(errors_fall),
         cmocka_unit_test(odd_input_gives_pictures),
         cmocka_unit_test(reference_engine_agrees),
