@@ -387,6 +387,28 @@ static void maps_of_a_gltf(void **state)
     assert_null(strstr(lines, "left out"));
 }
 
+// Numbers come from the channels that glTF says: red occludes, green is rough, blue is metal.
+static void channels_of_numbers(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m =
+        load(&ctx, "\"occlusionTexture\":{\"index\":0,\"strength\":0.5},"
+                   "\"pbrMetallicRoughness\":{\"roughnessFactor\":0.8,\"metallicFactor\":0.5,"
+                   "\"metallicRoughnessTexture\":{\"index\":0}}");
+    struct prt_texture_image image;
+    uint8_t *t = ramp(1, 1, PRT_TEXTURE_DATA, &image);
+    t[0] = 51, t[1] = 102, t[2] = 204; // 0.2, 0.4, 0.8
+    assert_int_equal(m->n_image, 1);
+    m->image[0] = image;
+    m->texel = t;
+    struct prt_look l = look(m);
+    assert_float_equal(l.occlusion, 0.6, 1e-5);
+    assert_float_equal(l.roughness, 0.32, 1e-5);
+    assert_float_equal(l.metallic, 0.4, 1e-5);
+    prt_free(t);
+    prt_mesh_destroy(m);
+}
+
 // Inside of a material: numbers of the extensions, and none of those out of range.
 static void volumes_of_a_gltf(void **state)
 {
@@ -447,6 +469,28 @@ static void normals_tilt_up(void **state)
     prt_mesh_destroy(m);
 }
 
+// The mean of normals is shorter the more they differ, at every level: its length is the look's
+// variance, and is not lost on the way to the coarsest.
+static void means_of_normals_stay_short(void **state)
+{
+    for (uint32_t side = 2; side <= 32; side *= 2) {
+        struct prt_texture_image image;
+        uint8_t *t = prt_calloc(prt_texture_bytes(side, side), 1);
+        for (uint32_t i = 0; i < side * side; i++) { // columns tilt by 45 degrees to both sides
+            t[4 * i] = i % 2 ? 218 : 37;
+            t[4 * i + 1] = 128, t[4 * i + 2] = 218, t[4 * i + 3] = 255;
+        }
+        prt_texture_finish_levels(side, side, PRT_TEXTURE_NORMAL, t, &image);
+        struct prt_texture_ref ref = plain_ref();
+        const float uv[2] = {0.4f, 0.6f}, dx[2] = {1, 0}, dy[2] = {0, 1};
+        float n[4];
+        prt_texture_sample(&image, t, &ref, uv, dx, dy, n);
+        assert_float_equal(n[0], 0, 0.02);
+        assert_float_equal(n[2], 0.7071, 0.02);
+        prt_free(t);
+    }
+}
+
 static void wrong_texture_records(void **state)
 {
     static const struct {
@@ -497,7 +541,9 @@ int main(void)
         cmocka_unit_test(hash_is_of_content),
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(channels_of_numbers),
         cmocka_unit_test(normals_tilt_up),
+        cmocka_unit_test(means_of_normals_stay_short),
         cmocka_unit_test(volumes_of_a_gltf),
         cmocka_unit_test(wrong_texture_records),
     };
