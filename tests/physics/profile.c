@@ -247,6 +247,9 @@ static void test_curve(void **state)
     assert_int_equal(prt_profile_init_curve(&quiet, "late", &p, 2, r_late, flat), PRT_OK);
     expect_close("constant inside the first point", prt_profile_tail(&p, 0), M_PI * 4 * 0.05,
                  1e-12); /* constant inside the first */
+    expect_close("integral from 0", integral(&p, 1e-6, 2), p.total, 1e-6);
+    expect_close("tail inside the first point", prt_profile_tail(&p, 0.5), integral(&p, 0.5, 2),
+                 1e-6);
     prt_profile_finish(&p);
     const double loud[] = {1, 1}, negative[] = {0.1, -0.1}, back[] = {2, 1};
     assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 2, r, loud), PRT_ARG);
