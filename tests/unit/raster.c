@@ -451,6 +451,34 @@ static void colours_keep_the_variance(void **state)
     scene_finish(&s);
 }
 
+// What a surface emits leaves it as the model says, whatever its exit and its base colour.
+static void emission_is_added(void **state)
+{
+    static const float emissive[3] = {1, 2, 3}, body[3] = {0.5f, 0.25f, 0};
+    struct scene s;
+    struct prt_surface_maps maps;
+    struct prt_camera c = front(200, 30);
+    struct prt_image image[2];
+    scene_init(&s, 4, 2);
+    add_square(&s, 100, 0, 0, true);
+    prt_surface_maps_default(&maps);
+    s.mesh.maps = &maps;
+    s.mesh.color = calloc(4, sizeof *s.mesh.color);
+    for (int i = 0; i < 16; i++) s.mesh.color[0][i] = 0.5f;
+    for (int k = 0; k < 2; k++) {
+        if (k) memcpy(maps.emissive, emissive, sizeof emissive);
+        struct prt_visibility *vis = see(&s, &c, 16, 16, 1);
+        struct prt_shade shade = {.media = SURFACE(1.5f, 0.3f), .fresnel = true};
+        image[k] = shade_const(&s, vis, &shade, body);
+        prt_visibility_destroy(vis);
+    }
+    for (int i = 0; i < 3 * 16 * 16; i++)
+        assert_float_equal(image[1].rgb[i] - image[0].rgb[i], emissive[i % 3], 1e-5);
+    for (int k = 0; k < 2; k++) prt_image_finish(&image[k]);
+    free(s.mesh.color);
+    scene_finish(&s);
+}
+
 // At normal incidence F_t/T = (1 - ((eta-1)/(eta+1))²)/T (METHODS §1, exit); opaque surfaces
 // keep plane 0 as it is.
 static void fresnel_at_normal_incidence(void **state)
@@ -907,6 +935,7 @@ int main(void)
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
         cmocka_unit_test(colours_keep_the_variance),
+        cmocka_unit_test(emission_is_added),
         cmocka_unit_test(phase_planes_times_harmonics),
         cmocka_unit_test(turned_specular_and_8_bits),
         cmocka_unit_test(specular_of_constant_is_constant),
