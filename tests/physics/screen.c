@@ -286,6 +286,62 @@ static void irradiance_closed_forms(void **state)
     free(cube.texel);
 }
 
+// E at a normal that has the cosine c with a light of power 1, by four bands of harmonics: the
+// sum of (2 l + 1) / (4 pi) f_l P_l(c) with f_l = 2 pi int F_t mu P_l dmu.
+static double four_bands(double eta, double c)
+{
+    enum { STEPS = 2000 };
+    const double of_c[4] = {1, c, (3 * c * c - 1) / 2, (5 * c * c * c - 3 * c) / 2};
+    double f[4] = {0}, sum = 0;
+    for (int i = 0; i < STEPS; i++) {
+        const double mu = (i + 0.5) / STEPS, t = prt_fresnel_transmittance(eta, mu) * mu;
+        const double p[4] = {1, mu, (3 * mu * mu - 1) / 2, (5 * mu * mu * mu - 3 * mu) / 2};
+        for (int l = 0; l < 4; l++) f[l] += 2 * M_PI * t * p[l] / STEPS;
+    }
+    for (int l = 0; l < 4; l++) sum += (2 * l + 1) / (4 * M_PI) * f[l] * of_c[l];
+    return fmax(sum, 0);
+}
+
+// Law: E by harmonics of one texel is its radiance times its solid angle times the bands' lobe,
+// by the addition theorem: in a face's corner, on its edge and in its middle (METHODS §6, S09).
+static void harmonics_of_one_texel(void **state)
+{
+    enum { SIDE = 8, NORMALS = 20 };
+    static const uint32_t place[3][3] = {{0, 0, 0}, {3, 4, 0}, {4, 3, 4}}; // face, x, y
+    const float eta = 1.4f;
+    struct samples s;
+    struct prt_rng rng;
+    prt_rng_init(&rng, 4, 0);
+    assert_true(prt_samples_init(&s, NORMALS));
+    s.n = NORMALS;
+    for (uint32_t i = 0; i < s.n; i++) {
+        float n[3], l = 0;
+        for (int k = 0; k < 3; k++) n[k] = prt_rng_f32(&rng) - 0.5f, l += n[k] * n[k];
+        for (int k = 0; k < 3; k++) s.normal[k][i] = n[k] / sqrtf(l);
+        s.object[i] = 0;
+    }
+    for (int p = 0; p < 3; p++) {
+        struct prt_cube cube = constant_cube(SIDE, (float[3]){0, 0, 0});
+        const uint32_t face = place[p][0], x = place[p][1], y = place[p][2];
+        const double omega = prt_cube_solid_angle(SIDE, x, y);
+        float d[3];
+        for (uint32_t c = 0; c < 3; c++)
+            cube.texel[3 * ((face * SIDE + y) * SIDE + x) + c] = 10 * (float)(c + 1);
+        prt_cube_direction(face, (2 * x + 1.0) / SIDE - 1, (2 * y + 1.0) / SIDE - 1, d);
+        prt_irradiance_harmonics(&cube, &eta, &s);
+        for (uint32_t i = 0; i < s.n; i++) {
+            double cosine = 0;
+            for (int k = 0; k < 3; k++) cosine += (double)(d[k] * s.normal[k][i]);
+            for (int c = 0; c < 3; c++)
+                expect_near("E by harmonics, over radiance and solid angle",
+                            (double)s.e[c][i] / (10 * (c + 1) * omega),
+                            four_bands((double)eta, cosine), 1e-4);
+        }
+        free(cube.texel);
+    }
+    prt_samples_finish(&s);
+}
+
 // Law: a lamp gives I cos / d^2, or nothing where something stands between; what stands beyond
 // it takes nothing (METHODS §1, irradiance).
 static void lamps_under_a_roof(void **state)
@@ -679,6 +735,7 @@ int main(void)
         cmocka_unit_test(thin_wall_shines),
         cmocka_unit_test(translation_changes_nothing),
         cmocka_unit_test(irradiance_closed_forms),
+        cmocka_unit_test(harmonics_of_one_texel),
         cmocka_unit_test(lamps_under_a_roof),
         cmocka_unit_test(few_lights_are_their_mean),
         cmocka_unit_test(errors_fall),
