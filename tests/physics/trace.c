@@ -262,6 +262,41 @@ static void strata_are_equal(void **state)
     prt_mesh_destroy(box);
 }
 
+// Law: cells end at the edges of a box, as the sheets do (METHODS §3.1): those of a face's
+// samples lie on it and add up to its area, also where the other side is nearer than the next
+// sample.
+static void cells_stay_on_their_face(void **state)
+{
+    static const float half[2][3] = {{5, 5, 5}, {6, 0.1f, 4}};
+    for (int b = 0; b < 2; b++) {
+        struct model m;
+        struct prt_surface_points *surface;
+        double area[3][2] = {{0}}, off = 0;
+        model_init(&m, 25 * 6, 32 * 6);
+        add_box(&m, (float[3]){0, 0, 0}, half[b], 4);
+        struct prt_mesh *box = body_mesh(&context, &m, true);
+        assert_int_equal(prt_surface_create(&context, box, 2000, 0.2f, 4, &surface), PRT_OK);
+        for (uint32_t i = 0; i < surface->n_sample; i++) {
+            const float *n = surface->face_normal[i];
+            const int axis = fabsf(n[0]) > 0.5f ? 0 : fabsf(n[1]) > 0.5f ? 1 : 2;
+            area[axis][n[axis] > 0] += (double)surface->area[i];
+            for (uint64_t k = surface->cell_begin[i]; k < surface->cell_begin[i + 1]; k++) {
+                const float *x = surface->fine[surface->cell_fine[k]];
+                off = fmax(off, fabs((double)(x[axis] * n[axis] - half[b][axis])));
+            }
+        }
+        expect_below("points of cells off their face [mm]", off, 1e-5);
+        for (int axis = 0; axis < 3; axis++)
+            for (int side = 0; side < 2; side++)
+                expect_near("area of a face's cells over its own",
+                            area[axis][side] / (4 * (double)half[b][(axis + 1) % 3] *
+                                                (double)half[b][(axis + 2) % 3]),
+                            1, 1e-4);
+        prt_surface_destroy(surface);
+        prt_mesh_destroy(box);
+    }
+}
+
 // Contract of prt_scene_blocked: harmonics of the directions that are hidden and of their
 // mirror images in the tangent plane (METHODS §6, specular occlusion). A roof as wide as a
 // cube's face hides that face.
@@ -315,6 +350,7 @@ int main(void)
         cmocka_unit_test(one_ray_meets_the_same),
         cmocka_unit_test(epsilon_is_small),
         cmocka_unit_test(strata_are_equal),
+        cmocka_unit_test(cells_stay_on_their_face),
         cmocka_unit_test(a_roof_hides_the_sky),
     };
     int failed = run_physics_tests(tests, NULL, NULL);
