@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // texture/ and the textures of a glTF: decoding and its limits, mip chains, wrap modes,
 // filters, transforms, TEXCOORD sets, vertex colours, and files that name what is not there.
+#include "mesh/obj_material.h"
 #include "prt/light.h"
 #include "prt/mesh.h"
 
@@ -441,6 +442,11 @@ static void volumes_of_a_gltf(void **state)
                    "{\"transmissionFactor\":0.75},\"KHR_materials_volume\":{}}");
     assert_float_equal(m->surface[0].ior, 1.1 / 0.9, 1e-5);
     assert_non_null(strstr(lines, "a medium has no clearcoat: left out"));
+    prt_mesh_destroy(m); // a colour of the reflection counts by its mean: a quarter again
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_specular\":{\"specularColorFactor\":"
+                   "[0.6,0.15,0]},\"KHR_materials_transmission\":{\"transmissionFactor\":0.75},"
+                   "\"KHR_materials_volume\":{}}");
+    assert_float_equal(m->surface[0].ior, 1.1 / 0.9, 1e-5);
     assert_non_null(strstr(lines, "the 25 % of it that do not transmit"));
     prt_mesh_destroy(m);
     m = load(&ctx, "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.01,"
@@ -489,6 +495,28 @@ static void means_of_normals_stay_short(void **state)
         assert_float_equal(n[2], 0.7071, 0.02);
         prt_free(t);
     }
+}
+
+// A material of an OBJ: its map's -s and -o count v upwards, where the mesh counts it
+// downwards; a GGX lobe is as wide as Phong's of the exponent Ns.
+static void numbers_of_an_obj_material(void **state)
+{
+    struct prt_draft draft = {.name = "obj"};
+    struct obj_material m;
+    static const char text[] = "newmtl other\nNs 7\nKd 1 1 1\nnewmtl wall\nNs 30\nKd .1 .2 .3\n"
+                               "map_Kd -s 2 3 -o 0.25 0.5 -clamp on a b.png\n"
+                               "newmtl third\nKe 1 1 1\n";
+    prt_obj_material_init(&m);
+    strcpy(m.name, "wall");
+    prt_obj_material_parse(&draft, text, &m);
+    assert_true(m.found && m.emissive[0] == 0 && m.base[1] == 0.2f);
+    assert_float_equal(pow((double)m.roughness, 4), 2 / 32., 1e-6); // alpha^2 = 2 / (Ns + 2)
+    const struct obj_map *map = &m.map[PRT_MAP_BASE];
+    const float *t = map->ref.transform, u = 0.3f, v = 0.7f; // v of the OBJ
+    assert_string_equal(map->file, "a b.png");
+    assert_int_equal(map->ref.wrap_v, PRT_WRAP_CLAMP);
+    assert_float_equal(t[0] * u + t[1] * (1 - v) + t[2], 0.25 + 2 * u, 1e-6);
+    assert_float_equal(t[3] * u + t[4] * (1 - v) + t[5], 1 - (0.5 + 3 * v), 1e-6);
 }
 
 static void wrong_texture_records(void **state)
@@ -542,6 +570,7 @@ int main(void)
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(maps_of_a_gltf),
         cmocka_unit_test(channels_of_numbers),
+        cmocka_unit_test(numbers_of_an_obj_material),
         cmocka_unit_test(normals_tilt_up),
         cmocka_unit_test(means_of_normals_stay_short),
         cmocka_unit_test(volumes_of_a_gltf),
