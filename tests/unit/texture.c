@@ -218,6 +218,26 @@ static void anisotropic(void **state)
     prt_free(t);
 }
 
+// Probes lie evenly about their point: over a ramp their mean is the value there.
+static void probes_lie_about_the_point(void **state)
+{
+    enum { N = 16 };
+    struct prt_texture_image image;
+    uint8_t *t = ramp(N, N, PRT_TEXTURE_DATA, &image);
+    struct prt_texture_ref ref = plain_ref();
+    for (int long_side = 1; long_side <= 8; long_side++)
+        for (int along = 0; along < 2; along++) {
+            const float at[2] = {0.47f, 0.55f}, size = (float)long_side / N;
+            const float dx[2] = {along ? 0 : size, along ? size : 0};
+            const float dy[2] = {along ? 1.0f / N : 0, along ? 0 : 1.0f / N};
+            float rgba[4];
+            prt_texture_sample(&image, t, &ref, at, dx, dy, rgba);
+            for (int k = 0; k < 2; k++)
+                assert_float_equal(rgba[k] * 255, 10 * (at[k] * N - 0.5f), 0.01);
+        }
+    prt_free(t);
+}
+
 static void hash_is_of_content(void **state)
 {
     struct prt_texture_image a, b, c;
@@ -567,6 +587,7 @@ int main(void)
         cmocka_unit_test(odd_sides_weigh_by_area),
         cmocka_unit_test(transforms_turn_footprints),
         cmocka_unit_test(hash_is_of_content),
+        cmocka_unit_test(probes_lie_about_the_point),
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(maps_of_a_gltf),
         cmocka_unit_test(channels_of_numbers),
