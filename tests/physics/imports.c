@@ -231,6 +231,21 @@ static void units_scale_lengths(void **state)
     }
 }
 
+// A medium of pbrt: its scale multiplies both coefficients, and sigma_s is not the reduced one.
+static void scale_of_a_pbrt_medium(void **state)
+{
+    static const char text[] =
+        "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"float scale\" 10 "
+        "\"rgb sigma_a\" [.01 .02 .03] \"rgb sigma_s\" [.1 .2 .3] \"float g\" .5";
+    const struct prt_import item = import(text, true);
+    for (int c = 0; c < 3; c++) {
+        expect_near("sigma_s' [1/mm]", (double)item.material.sigma_s_prime[c], 0.5 * (c + 1),
+                    1e-6);
+        expect_near("sigma_a [1/mm]", (double)item.material.sigma_a[c], 0.1 * (c + 1), 1e-6);
+        expect_near("g", (double)item.material.g[c], 0.5, 1e-6);
+    }
+}
+
 // What is lost is said, by name, of the material that is chosen.
 static void losses_are_said(void **state)
 {
@@ -441,6 +456,7 @@ int main(void)
         cmocka_unit_test(half_spaces_return_their_albedo),
         cmocka_unit_test(transmissive_interiors),
         cmocka_unit_test(units_scale_lengths),
+        cmocka_unit_test(scale_of_a_pbrt_medium),
         cmocka_unit_test(losses_are_said),
         cmocka_unit_test(unknown_kinds_are_said),
         cmocka_unit_test(every_loss_is_named),

@@ -280,6 +280,43 @@ static void turned_lights(void **state)
     }
 }
 
+/* Law: an image whose columns are moved by one turns as the image turned by one column less,
+ * also between the last column and the first (METHODS §2). */
+static void moved_columns_are_turns(void **state)
+{
+    enum { W = 128, H = 64, N = 16 }; /* as wide as the image that is turned */
+    static const double columns[] = {0.5, -0.25, 1.75, 40.3, 127.5};
+    struct prt_env env[2];
+    struct prt_rng rng;
+    prt_rng_init(&rng, 15, 1);
+    for (int k = 0; k < 2; k++) {
+        env[k] = (struct prt_env){.kind = PRT_ENV_LATLONG, .latlong = {W, H, NULL}};
+        env[k].latlong.rgb = prt_alloc(3 * W * H, sizeof(float));
+        assert_int_equal(prt_env_cache_create(&env[k]), 0);
+    }
+    for (size_t i = 0; i < W * H; i++)
+        for (size_t c = 0; c < 3; c++)
+            env[0].latlong.rgb[3 * i + c] =
+                env[1].latlong.rgb[3 * (i / W * W + (i + 1) % W) + c] =
+                    expf(2 * prt_rng_f32(&rng));
+    for (size_t k = 0; k < sizeof columns / sizeof *columns; k++) {
+        struct prt_cube still, moved;
+        double worst = 0;
+        assert_int_equal(prt_env_turned(&ctx, &env[0], N, (columns[k] - 1) * 360 / W, &still),
+                         0);
+        assert_int_equal(prt_env_turned(&ctx, &env[1], N, columns[k] * 360 / W, &moved), 0);
+        for (size_t i = 0; i < 18 * N * N; i++)
+            worst = fmax(worst, fabs((double)(moved.texel[i] - still.texel[i])));
+        expect_below("difference of a texel of about 3", worst, 2e-5);
+        prt_cube_finish(&still);
+        prt_cube_finish(&moved);
+    }
+    for (int k = 0; k < 2; k++) {
+        prt_env_cache_destroy(&env[k]);
+        prt_image_finish(&env[k].latlong);
+    }
+}
+
 /* Law: texels of a fine cube lie between the coarse picture's extremes, and power stays
  * (METHODS §2). */
 static void upsampling_has_no_holes(void **state)
@@ -458,6 +495,7 @@ int main(void)
         cmocka_unit_test(one_pixel_sun),
         cmocka_unit_test(texels_are_averages),
         cmocka_unit_test(turned_lights),
+        cmocka_unit_test(moved_columns_are_turns),
         cmocka_unit_test(upsampling_has_no_holes),
         cmocka_unit_test(layouts_agree),
         cmocka_unit_test(quarter_turns_map_faces),

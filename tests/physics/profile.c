@@ -247,6 +247,9 @@ static void test_curve(void **state)
     assert_int_equal(prt_profile_init_curve(&quiet, "late", &p, 2, r_late, flat), PRT_OK);
     expect_close("constant inside the first point", prt_profile_tail(&p, 0), M_PI * 4 * 0.05,
                  1e-12); /* constant inside the first */
+    expect_close("integral from 0", integral(&p, 1e-6, 2), p.total, 1e-6);
+    expect_close("tail inside the first point", prt_profile_tail(&p, 0.5), integral(&p, 0.5, 2),
+                 1e-6);
     prt_profile_finish(&p);
     const double loud[] = {1, 1}, negative[] = {0.1, -0.1}, back[] = {2, 1};
     assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 2, r, loud), PRT_ARG);
@@ -488,6 +491,27 @@ static void test_optics_files(void **state)
             fail_msg("%s: said \"%s\"", fault[i].json, last_line);
 }
 
+/* A curve's file of four columns has one for each channel. */
+static void test_file_of_channels(void **state)
+{
+    char path[] = "/tmp/prt-profile-XXXXXX", json[128];
+    struct prt_optics o;
+    const int file = mkstemp(path);
+    FILE *f = file < 0 ? NULL : fdopen(file, "w");
+    assert_non_null(f);
+    fputs("r,R,G,B\n0,0.1,0.05,0.02\n2;0;0.01;0.02\n", f);
+    fclose(f);
+    snprintf(json, sizeof json, "{\"profile\":\"curve\",\"file\":\"%s\"}", path);
+    assert_int_equal(prt_optics_parse(&quiet, "m", "", json, strlen(json), &o), PRT_OK);
+    static const double want[3][2] = {{0.1, 0}, {0.05, 0.01}, {0.02, 0.02}};
+    for (int c = 0; c < 3; c++)
+        for (int k = 0; k < 2; k++)
+            expect_near("R_d of a column", prt_profile_rd(&o.channel[c], k * (2 - 1e-9)),
+                        want[c][k], 1e-9);
+    prt_optics_finish(&o);
+    unlink(path);
+}
+
 /* Law: at most 256 points hold a profile and keep its total (METHODS §1, other profiles). */
 static void test_material_table(void **state)
 {
@@ -616,11 +640,17 @@ int main(void)
     prt_context_init(&quiet);
     quiet.log = capture_log;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_burley),       cmocka_unit_test(test_slab),
-        cmocka_unit_test(test_bounces),      cmocka_unit_test(test_layers),
-        cmocka_unit_test(test_curve),        cmocka_unit_test(test_kinds),
-        cmocka_unit_test(test_optics_fit),   cmocka_unit_test(test_extra_functions),
-        cmocka_unit_test(test_optics_files), cmocka_unit_test(test_material_table),
+        cmocka_unit_test(test_burley),
+        cmocka_unit_test(test_slab),
+        cmocka_unit_test(test_bounces),
+        cmocka_unit_test(test_layers),
+        cmocka_unit_test(test_curve),
+        cmocka_unit_test(test_kinds),
+        cmocka_unit_test(test_optics_fit),
+        cmocka_unit_test(test_extra_functions),
+        cmocka_unit_test(test_file_of_channels),
+        cmocka_unit_test(test_optics_files),
+        cmocka_unit_test(test_material_table),
         cmocka_unit_test(test_print_limit),
     };
     return run_physics_tests(tests, NULL, NULL);

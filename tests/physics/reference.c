@@ -124,8 +124,23 @@ static void plane_returns_rho_d(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// L1 of a half-space along -n_o, lit by texel (9,10) of a cube's +Y of 16 texels a side.
+static double half_space(double sigma_s, double sigma_a, double eta)
+{
+    double sum = 0, st = sigma_s + sigma_a;
+    for (int k = 0; k < 64 * 64; k++) { // the texel's own integral
+        double s = 2 * (9 + (k % 64 + 0.5) / 64) / 16 - 1,
+               t = 2 * (10 + (k / 64 + 0.5) / 64) / 16 - 1;
+        double q = 1 + s * s + t * t, mu = 1 / sqrt(q);
+        double mu_in = sqrt(1 - (1 - mu * mu) / (eta * eta));
+        sum += prt_fresnel_transmittance(eta, mu) * sigma_s / (4 * M_PI) /
+               (st * (1 + 1 / mu_in)) * (2.0 / 16 / 64) * (2.0 / 16 / 64) / (q * sqrt(q));
+    }
+    return sum;
+}
+
 // Law: a half-space lit from one direction returns the closed form of L1 along -n_o (METHODS
-// §8).
+// §8). Without an eye scattering is isotropic, of sigma_s, whatever g is.
 static void single_scattering_of_a_half_space(void **state)
 {
     struct prt_mesh *mesh = slab(400, 100, 4);
@@ -133,25 +148,62 @@ static void single_scattering_of_a_half_space(void **state)
     make_light(&light, 16, 0);
     uint32_t lit = (2 * 16 + 10) * 16 + 9, centre = 2 * 5 + 2; // a texel of +Y
     for (int c = 0; c < 3; c++) light.texel[lit * 3 + (uint32_t)c] = 1;
-    struct prt_material m = medium("marble");
     struct prt_reference_options o = {
         .term = PRT_REFERENCE_SINGLE, .vertex = &centre, .n_vertex = 1, .n_single = 65536};
-    float color[1][3];
-    assert_int_equal(prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL},
-                                          &light, &o, color),
-                     PRT_OK);
-    for (int c = 0; c < 3; c++) {
-        double sum = 0, st = m.sigma_s_prime[c] + m.sigma_a[c];
-        for (int k = 0; k < 64 * 64; k++) { // the texel's own integral
-            double s = 2 * (9 + (k % 64 + 0.5) / 64) / 16 - 1,
-                   t = 2 * (10 + (k / 64 + 0.5) / 64) / 16 - 1;
-            double q = 1 + s * s + t * t, mu = 1 / sqrt(q);
-            double mu_in = sqrt(1 - (1 - mu * mu) / (m.eta * m.eta));
-            sum += prt_fresnel_transmittance(m.eta, mu) * m.sigma_s_prime[c] / (4 * M_PI) /
-                   (st * (1 + 1 / mu_in)) * (2.0 / 16 / 64) * (2.0 / 16 / 64) / (q * sqrt(q));
+    for (int k = 0; k < 2; k++) {
+        struct prt_material m = medium("marble");
+        float color[1][3];
+        for (int c = 0; c < 3 && k; c++) m.g[c] = 0.3f * (float)(c - 1);
+        assert_int_equal(prt_reference_colors(&context, mesh, &(struct prt_media){1, &m, NULL},
+                                              &light, &o, color),
+                         PRT_OK);
+        for (int c = 0; c < 3; c++) {
+            double want = half_space((double)m.sigma_s_prime[c] / (1 - (double)m.g[c]),
+                                     (double)m.sigma_a[c], (double)m.eta);
+            expect_near(expect_name("channel %d: L1 over the closed form", c),
+                        color[0][c] / want, 1, 0.01);
         }
-        expect_near(expect_name("channel %d: L1 over the closed form", c), color[0][c] / sum, 1,
-                    0.01);
+    }
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+// Law: an exit takes the same share of a colour and of its standard error (METHODS §1, exit;
+// §9), towards an eye and without one.
+static void errors_leave_as_colours(void **state)
+{
+    struct prt_mesh *mesh = sphere(2);
+    struct prt_cube light;
+    struct prt_material m = medium("skin1");
+    const float eye[3] = {20, 0, 0};
+    const uint32_t vertex = 12 * 48 + 4;
+    make_light(&light, 16, 1);
+    for (int k = 0; k < 2; k++) {
+        float color[2][3], error[2][3], (*errors)[3];
+        for (int leaves = 0; leaves < 2; leaves++) {
+            struct prt_reference_options o = {.term = PRT_REFERENCE_TOTAL,
+                                              .eye = k ? eye : NULL,
+                                              .no_exit = !leaves,
+                                              .n_sample = 2000,
+                                              .n_ray = 64,
+                                              .n_single = 64,
+                                              .vertex = &vertex,
+                                              .n_vertex = 1,
+                                              .n_walk = 200,
+                                              .standard_error = &errors};
+            errors = &error[leaves];
+            assert_int_equal(prt_reference_colors(&context, mesh,
+                                                  &(struct prt_media){1, &m, NULL}, &light, &o,
+                                                  &color[leaves]),
+                             PRT_OK);
+        }
+        for (int c = 0; c < 3; c++) {
+            expect_above("standard error over the colour", (double)(error[1][c] / color[1][c]),
+                         1e-3);
+            expect_near("share of the error that leaves over the colour's",
+                        (double)(error[1][c] / error[0][c] * color[0][c] / color[1][c]), 1,
+                        1e-5);
+        }
     }
     prt_cube_finish(&light);
     prt_mesh_destroy(mesh);
@@ -203,6 +255,7 @@ int main(void)
         cmocka_unit_test(cells_cover_the_surface),
         cmocka_unit_test(plane_returns_rho_d),
         cmocka_unit_test(single_scattering_of_a_half_space),
+        cmocka_unit_test(errors_leave_as_colours),
         cmocka_unit_test(linear_and_converged),
     };
     int failed = run_physics_tests(tests, NULL, NULL);

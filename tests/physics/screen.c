@@ -286,6 +286,142 @@ static void irradiance_closed_forms(void **state)
     free(cube.texel);
 }
 
+// E at a normal that has the cosine c with a light of power 1, by four bands of harmonics: the
+// sum of (2 l + 1) / (4 pi) f_l P_l(c) with f_l = 2 pi int F_t mu P_l dmu.
+static double four_bands(double eta, double c)
+{
+    enum { STEPS = 2000 };
+    const double of_c[4] = {1, c, (3 * c * c - 1) / 2, (5 * c * c * c - 3 * c) / 2};
+    double f[4] = {0}, sum = 0;
+    for (int i = 0; i < STEPS; i++) {
+        const double mu = (i + 0.5) / STEPS, t = prt_fresnel_transmittance(eta, mu) * mu;
+        const double p[4] = {1, mu, (3 * mu * mu - 1) / 2, (5 * mu * mu * mu - 3 * mu) / 2};
+        for (int l = 0; l < 4; l++) f[l] += 2 * M_PI * t * p[l] / STEPS;
+    }
+    for (int l = 0; l < 4; l++) sum += (2 * l + 1) / (4 * M_PI) * f[l] * of_c[l];
+    return fmax(sum, 0);
+}
+
+// Law: E by harmonics of one texel is its radiance times its solid angle times the bands' lobe,
+// by the addition theorem: in a face's corner, on its edge and in its middle (METHODS §6, S09).
+static void harmonics_of_one_texel(void **state)
+{
+    enum { SIDE = 8, NORMALS = 20 };
+    static const uint32_t place[3][3] = {{0, 0, 0}, {3, 4, 0}, {4, 3, 4}}; // face, x, y
+    const float eta = 1.4f;
+    struct samples s;
+    struct prt_rng rng;
+    prt_rng_init(&rng, 4, 0);
+    assert_true(prt_samples_init(&s, NORMALS));
+    s.n = NORMALS;
+    for (uint32_t i = 0; i < s.n; i++) {
+        float n[3], l = 0;
+        for (int k = 0; k < 3; k++) n[k] = prt_rng_f32(&rng) - 0.5f, l += n[k] * n[k];
+        for (int k = 0; k < 3; k++) s.normal[k][i] = n[k] / sqrtf(l);
+        s.object[i] = 0;
+    }
+    for (int p = 0; p < 3; p++) {
+        struct prt_cube cube = constant_cube(SIDE, (float[3]){0, 0, 0});
+        const uint32_t face = place[p][0], x = place[p][1], y = place[p][2];
+        const double omega = prt_cube_solid_angle(SIDE, x, y);
+        float d[3];
+        for (uint32_t c = 0; c < 3; c++)
+            cube.texel[3 * ((face * SIDE + y) * SIDE + x) + c] = 10 * (float)(c + 1);
+        prt_cube_direction(face, (2 * x + 1.0) / SIDE - 1, (2 * y + 1.0) / SIDE - 1, d);
+        prt_irradiance_harmonics(&cube, &eta, &s);
+        for (uint32_t i = 0; i < s.n; i++) {
+            double cosine = 0;
+            for (int k = 0; k < 3; k++) cosine += (double)(d[k] * s.normal[k][i]);
+            for (int c = 0; c < 3; c++)
+                expect_near("E by harmonics, over radiance and solid angle",
+                            (double)s.e[c][i] / (10 * (c + 1) * omega),
+                            four_bands((double)eta, cosine), 1e-4);
+        }
+        free(cube.texel);
+    }
+    prt_samples_finish(&s);
+}
+
+// Law: a lamp gives I cos / d^2, or nothing where something stands between; what stands beyond
+// it takes nothing (METHODS §1, irradiance).
+static void lamps_under_a_roof(void **state)
+{
+    static const struct {
+        float where[3];
+        bool point;
+        double want;
+    } row[] = {{{0, 5, 0}, true, 1 / 25.},     // below the roof
+               {{3, 4, 0}, true, 0.8 / 25},    // the same, aslant
+               {{0, 20, 0}, true, 0},          // above it
+               {{0, -5, 0}, true, 0},          // below the floor
+               {{40, 30, 0}, true, .6 / 2500}, // past its edge
+               {{0, 1, 0}, false, 0},          {{4, 3, 0}, false, 0.6}};
+    struct model model;
+    struct prt_scene *scene;
+    struct samples s;
+    uint64_t rays = 0;
+    model_init(&model, 100, 100);
+    struct prt_block *block = begin_block(&model, true);
+    add_sheet(&model, (float[3]){0, 10, 0}, (float[3]){6, 0, 0}, (float[3]){0, 0, 6}, 2);
+    end_block(&model, block);
+    assert_int_equal(prt_scene_create(&quiet, &model.mesh, &scene), PRT_OK);
+    assert_true(prt_samples_init(&s, 1));
+    s.n = 1;
+    s.object[0] = 0;
+    for (int k = 0; k < 3; k++) s.p[k][0] = 0, s.normal[k][0] = s.face[k][0] = k == 1;
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_screen_light light = {.rgb = {1, 2, 0}, .point = row[i].point};
+        const float *w = row[i].where;
+        const float length = row[i].point ? 1 : hypotf(w[0], w[1]);
+        for (int k = 0; k < 3; k++) light.where[k] = w[k] / length;
+        assert_int_equal(prt_irradiance_traced(&quiet, scene, 1, &light, NULL, &s, &rays),
+                         PRT_OK);
+        for (int c = 0; c < 3; c++)
+            expect_near(row[i].point ? "E of a lamp" : "E from afar", s.e[c][0],
+                        row[i].want * (double)light.rgb[c], 1e-6);
+    }
+    prt_samples_finish(&s);
+    prt_scene_destroy(scene);
+    model_finish(&model);
+}
+
+// Law: fewer lights than six faces are one, of the cube's power and from the mean direction of
+// its power (METHODS §6).
+static void few_lights_are_their_mean(void **state)
+{
+    enum { SIDE = 8 };
+    static const struct {
+        uint32_t face, x, y;
+        float rgb[3];
+    } lamp[] = {{0, 5, 2, {3, 1, 2}}, {2, 1, 6, {0.5f, 0.2f, 0.1f}}, {5, 3, 3, {0, 1, 1}}};
+    struct prt_cube cube = constant_cube(SIDE, (float[3]){0, 0, 0});
+    double want[3] = {0}, mean[3] = {0}, length = 0;
+    for (size_t i = 0; i < sizeof lamp / sizeof *lamp; i++) {
+        const uint32_t x = lamp[i].x, y = lamp[i].y;
+        const double omega = prt_cube_solid_angle(SIDE, x, y);
+        float d[3];
+        prt_cube_direction(lamp[i].face, (2 * x + 1.0) / SIDE - 1, (2 * y + 1.0) / SIDE - 1, d);
+        for (int c = 0; c < 3; c++) {
+            cube.texel[3 * ((lamp[i].face * SIDE + y) * SIDE + x) + (uint32_t)c] =
+                lamp[i].rgb[c];
+            want[c] += omega * (double)lamp[i].rgb[c];
+            for (int k = 0; k < 3; k++)
+                mean[k] += omega * (double)lamp[i].rgb[c] * (double)d[k];
+        }
+    }
+    for (int k = 0; k < 3; k++) length += mean[k] * mean[k];
+    for (uint32_t n = 1; n < 6; n++) {
+        struct prt_screen_light light[6];
+        assert_int_equal(prt_screen_lights_from_cube(&cube, n, light), 1);
+        for (int k = 0; k < 3; k++) {
+            expect_near("power of the one light", (double)light[0].rgb[k], want[k], 1e-6);
+            expect_near("direction of the one light", (double)light[0].where[k],
+                        mean[k] / sqrt(length), 1e-6);
+        }
+    }
+    free(cube.texel);
+}
+
 // Law: errors against the sum over all texels fall as samples grow (METHODS §6, expected
 // error).
 static void errors_fall(void **state)
@@ -599,6 +735,9 @@ int main(void)
         cmocka_unit_test(thin_wall_shines),
         cmocka_unit_test(translation_changes_nothing),
         cmocka_unit_test(irradiance_closed_forms),
+        cmocka_unit_test(harmonics_of_one_texel),
+        cmocka_unit_test(lamps_under_a_roof),
+        cmocka_unit_test(few_lights_are_their_mean),
         cmocka_unit_test(errors_fall),
         cmocka_unit_test(odd_input_gives_pictures),
         cmocka_unit_test(reference_engine_agrees),

@@ -12,6 +12,7 @@
 
 #include "bodies.h"
 #include "expect.h"
+#include "prt/surface.h"
 #include "prt/trace.h"
 
 static struct prt_context context;
@@ -194,6 +195,148 @@ static void epsilon_is_small(void **state)
     expect_above("epsilon over the diagonal", prt_scene_epsilon(scene) / diagonal, 1e-6);
 }
 
+// The triangle of a body that a point of its surface lies on, and its barycentric coordinates.
+static uint32_t triangle_at(const struct prt_mesh *body, const float x[3], float *u, float *v)
+{
+    uint32_t best = 0;
+    double least = INFINITY;
+    for (uint32_t i = 0; i < body->n_triangle; i++) {
+        double p[3][3], e1[3], e2[3], n[3], to[3], q[3];
+        for (int k = 0; k < 3; k++) {
+            for (int j = 0; j < 3; j++)
+                p[j][k] = (double)body->position[body->triangle[i][j]][k];
+            e1[k] = p[1][k] - p[0][k], e2[k] = p[2][k] - p[0][k];
+            to[k] = (double)x[k] - p[0][k];
+        }
+        cross(e1, e2, n);
+        cross(to, e2, q);
+        const double a = dot(q, n) / dot(n, n);
+        cross(e1, to, q);
+        const double b = dot(q, n) / dot(n, n);
+        const double off = fmax(fmax(-fmin(a, b), a + b - 1), fabs(dot(to, n)) / dot(n, n));
+        if (off >= least) continue;
+        least = off, best = i, *u = (float)a, *v = (float)b;
+    }
+    expect_below("a sample off its triangle", least, 1e-5);
+    return best;
+}
+
+// Contract of prt_surface_stratum: strata have equal areas, and most samples lie in their own,
+// the others in one beside it.
+static void strata_are_equal(void **state)
+{
+    enum { SAMPLES = 500, POINTS = 400 };
+    struct model m;
+    struct prt_surface_points *surface;
+    struct prt_surface_strata *strata;
+    struct prt_rng rng;
+    static uint32_t count[2 * SAMPLES];
+    double square = 0, own = 0;
+    model_init(&m, 4 * 6, 2 * 6);
+    add_box(&m, (float[3]){0, 0, 0}, (float[3]){5, 5, 5}, 1);
+    struct prt_mesh *box = body_mesh(&context, &m, true);
+    assert_int_equal(prt_surface_create(&context, box, SAMPLES, 1, 3, &surface), PRT_OK);
+    assert_int_equal(prt_surface_strata_create(&context, box, surface, &strata), PRT_OK);
+    const uint32_t n = surface->n_sample;
+    assert_in_range(n, SAMPLES - 1, SAMPLES + 1);
+    prt_rng_init(&rng, 21, 0);
+    for (uint32_t i = 0; i < n * POINTS; i++) { // all triangles have the same area
+        float u = prt_rng_f32(&rng), v = prt_rng_f32(&rng);
+        if (u + v > 1) u = 1 - u, v = 1 - v;
+        const uint32_t at = prt_surface_stratum(strata, i % box->n_triangle, u, v);
+        assert_true(at < n);
+        count[at]++;
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        float u = 0, v = 0;
+        const uint32_t t = triangle_at(box, surface->position[i], &u, &v);
+        const uint32_t at = prt_surface_stratum(strata, t, u, v);
+        square += pow((double)count[i] / POINTS - 1, 2) / n;
+        own += (double)(at == i) / n;
+        assert_true(at + 1 >= i && at <= i + 1);
+    }
+    expect_below("areas of strata off their mean, RMS", sqrt(square), 0.08); // 0.05 by chance
+    expect_above("samples in their own strata", own, 0.7);
+    prt_surface_strata_destroy(strata);
+    prt_surface_destroy(surface);
+    prt_mesh_destroy(box);
+}
+
+// Law: cells end at the edges of a box, as the sheets do (METHODS §3.1): those of a face's
+// samples lie on it and add up to its area, also where the other side is nearer than the next
+// sample.
+static void cells_stay_on_their_face(void **state)
+{
+    static const float half[2][3] = {{5, 5, 5}, {6, 0.1f, 4}};
+    for (int b = 0; b < 2; b++) {
+        struct model m;
+        struct prt_surface_points *surface;
+        double area[3][2] = {{0}}, off = 0;
+        model_init(&m, 25 * 6, 32 * 6);
+        add_box(&m, (float[3]){0, 0, 0}, half[b], 4);
+        struct prt_mesh *box = body_mesh(&context, &m, true);
+        assert_int_equal(prt_surface_create(&context, box, 2000, 0.2f, 4, &surface), PRT_OK);
+        for (uint32_t i = 0; i < surface->n_sample; i++) {
+            const float *n = surface->face_normal[i];
+            const int axis = fabsf(n[0]) > 0.5f ? 0 : fabsf(n[1]) > 0.5f ? 1 : 2;
+            area[axis][n[axis] > 0] += (double)surface->area[i];
+            for (uint64_t k = surface->cell_begin[i]; k < surface->cell_begin[i + 1]; k++) {
+                const float *x = surface->fine[surface->cell_fine[k]];
+                off = fmax(off, fabs((double)(x[axis] * n[axis] - half[b][axis])));
+            }
+        }
+        expect_below("points of cells off their face [mm]", off, 1e-5);
+        for (int axis = 0; axis < 3; axis++)
+            for (int side = 0; side < 2; side++)
+                expect_near("area of a face's cells over its own",
+                            area[axis][side] / (4 * (double)half[b][(axis + 1) % 3] *
+                                                (double)half[b][(axis + 2) % 3]),
+                            1, 1e-4);
+        prt_surface_destroy(surface);
+        prt_mesh_destroy(box);
+    }
+}
+
+// Contract of prt_scene_blocked: harmonics of the directions that are hidden and of their
+// mirror images in the tangent plane (METHODS §6, specular occlusion). A roof as wide as a
+// cube's face hides that face.
+static void a_roof_hides_the_sky(void **state)
+{
+    enum { STEPS = 200 };
+    struct model m;
+    struct prt_scene *scenery;
+    double want[PRT_MESH_BLOCKED] = {0};
+    model_init(&m, 9 + 4, 8 + 2);
+    struct prt_block *block = begin_block(&m, true);
+    add_sheet(&m, (float[3]){0, 0, 0}, (float[3]){0, 0, 1}, (float[3]){1, 0, 0}, 2);
+    add_sheet(&m, (float[3]){0, 10, 0}, (float[3]){10, 0, 0}, (float[3]){0, 0, 10}, 1);
+    end_block(&m, block);
+    struct prt_mesh *body = body_mesh(&context, &m, true);
+    int8_t(*got)[PRT_MESH_BLOCKED] = calloc(body->n_vertex, sizeof *got);
+    assert_int_equal(prt_scene_create(&context, body, &scenery), PRT_OK);
+    assert_int_equal(prt_scene_blocked(&context, scenery, got), PRT_OK);
+    for (int i = 0; i < STEPS * STEPS; i++) {
+        const double s = 2 * (i % STEPS + 0.5) / STEPS - 1,
+                     t = 2 * (i / STEPS + 0.5) / STEPS - 1;
+        const double r = sqrt(1 + s * s + t * t), omega = 4 / (r * r * r) / (STEPS * STEPS);
+        float y[2][PRT_MESH_BLOCKED];
+        for (int k = 0; k < 2; k++) // and below the floor
+            prt_sh_eval(4, (float[]){(float)(s / r), (float)((k ? -1 : 1) / r), (float)(t / r)},
+                        y[k]);
+        for (int k = 0; k < PRT_MESH_BLOCKED; k++)
+            want[k] += omega * (double)(y[0][k] + y[1][k]);
+    }
+    uint32_t middle = 0;
+    while (body->position[middle][0] != 0 || body->position[middle][2] != 0) middle++;
+    for (int k = 0; k < PRT_MESH_BLOCKED; k++)
+        expect_near("a harmonic of what is hidden",
+                    got[middle][k] * (double)PRT_MESH_BLOCKED_SCALE / 127, want[k],
+                    0.15); // of 256 directions
+    free(got);
+    prt_scene_destroy(scenery);
+    prt_mesh_destroy(body);
+}
+
 int main(void)
 {
     struct model m;
@@ -206,6 +349,9 @@ int main(void)
         cmocka_unit_test(packets_meet_what_a_search_finds),
         cmocka_unit_test(one_ray_meets_the_same),
         cmocka_unit_test(epsilon_is_small),
+        cmocka_unit_test(strata_are_equal),
+        cmocka_unit_test(cells_stay_on_their_face),
+        cmocka_unit_test(a_roof_hides_the_sky),
     };
     int failed = run_physics_tests(tests, NULL, NULL);
     prt_scene_destroy(scene);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The ratio of walks to the dipole under even irradiance, and pictures that are scaled by it
 // (METHODS §6, walk ratio).
+#include "../../libprt/screen/walk_ratio.h"
 #include "screen_stage.h"
 
 #include "prt/reference.h"
@@ -146,6 +147,68 @@ static pixels irradiance_of(const struct scene *s, const struct prt_media *media
     pixels e = malloc((s->mesh->n_vertex + 1u) * sizeof *e);
     assert_int_equal(prt_reference_colors(&quiet, s->mesh, media, cube, &o, e), PRT_OK);
     return e;
+}
+
+// Weights of a search, and the same times a number of each point's own.
+struct gathered {
+    double weight, moment;
+    unsigned n;
+};
+
+static void take_point(void *arg, const struct ratio_point *point, float weight)
+{
+    struct gathered *g = arg;
+    g->weight += (double)weight;
+    g->moment += (double)(weight * point->dipole[0]);
+    g->n++;
+}
+
+// Contract of prt_ratio_gather: each point of the object in reach, once, with the weight
+// (1 - (d / reach)^2)^2 ((1 + cosine of the normals) / 2)^8, which a search of all points
+// gives.
+static void points_in_reach_by_their_weight(void **state)
+{
+    enum { POINTS = 600, SEARCHES = 200 };
+    static struct ratio_point point[POINTS];
+    struct ratio_grid grid;
+    struct prt_rng rng;
+    unsigned found = 0;
+    prt_rng_init(&rng, 17, 0);
+    for (int i = 0; i < POINTS + SEARCHES; i++) {
+        struct ratio_point q = {.object = prt_rng_u32(&rng) % 2};
+        float length = 0;
+        q.dipole[0] = prt_rng_f32(&rng);
+        for (int k = 0; k < 3; k++) {
+            q.p[k] = (float)(9 >> k) * prt_rng_f32(&rng);
+            q.n[k] = prt_rng_f32(&rng) - 0.5f;
+            length += q.n[k] * q.n[k];
+        }
+        for (int k = 0; k < 3; k++) q.n[k] /= sqrtf(length);
+        if (i < POINTS) point[i] = q;
+        if (i == POINTS - 1)
+            assert_int_equal(prt_ratio_grid_create(point, POINTS, 0.7f, &grid), PRT_OK);
+        if (i < POINTS) continue;
+        struct gathered got = {0}, want = {0};
+        const float reach = 0.2f + 4 * q.dipole[0];
+        prt_ratio_gather(&grid, q.p, q.n, q.object, reach, take_point, &got);
+        for (int j = 0; j < POINTS; j++) {
+            double d2 = 0, cosine = 0;
+            for (int k = 0; k < 3; k++) {
+                d2 += pow((double)(point[j].p[k] - q.p[k]), 2);
+                cosine += (double)(point[j].n[k] * q.n[k]);
+            }
+            const double near = 1 - d2 / ((double)reach * (double)reach);
+            if (near <= 0 || point[j].object != q.object) continue;
+            const double weight = near * near * pow((1 + cosine) / 2, 8);
+            want.weight += weight;
+            want.moment += weight * (double)point[j].dipole[0];
+        }
+        expect_near("sum of weights", got.weight, want.weight, 1e-4);
+        expect_near("sum of weighted points", got.moment, want.moment, 1e-4);
+        found += got.n;
+    }
+    expect_above("points that were found", found, 1000);
+    prt_ratio_grid_finish(&grid);
 }
 
 // Law: where nothing is absorbed, all light that enters leaves (METHODS §9, furnace): under
@@ -375,6 +438,7 @@ static int setup(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(points_in_reach_by_their_weight),
         cmocka_unit_test(white_bodies_return_what_falls_on_them),
         cmocka_unit_test(thin_parts_return_what_walks_return),
         cmocka_unit_test(threads_do_not_matter),

@@ -188,6 +188,29 @@ static void the_files_own_cameras(void **state)
     prt_mesh_destroy(m);
 }
 
+// A file's camera has its target where its axis is nearest to the model's middle; behind the
+// camera there is none, and the model's size is taken.
+static void targets_are_as_deep_as_the_model(void **state)
+{
+    static const struct {
+        const char *moved;
+        float front, second; // z of the first camera's target, x of the second one's
+    } row[] = {{"{\"mesh\":0,\"translation\":[0,0,-5]}", -5, 0},
+               {"{\"mesh\":0,\"translation\":[4,0,2]}", 2, 4},
+               {"{\"mesh\":0,\"translation\":[0,0,20]}", 9 - 2.8284271f, 0}};
+    static const char gltf[] = GLTF, plain[] = "{\"mesh\":0}";
+    const char *const at = strstr(gltf, plain);
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        char text[4096];
+        snprintf(text, sizeof text, "%.*s%s%s", (int)(at - gltf), gltf, row[i].moved,
+                 at + strlen(plain));
+        struct prt_mesh *m = load(text, false);
+        expect_vector(m->camera[0].target, 0, 0, row[i].front);
+        expect_vector(m->camera[1].target, row[i].second, 0, 0);
+        prt_mesh_destroy(m);
+    }
+}
+
 static void a_file_with_z_up_is_turned(void **state)
 {
     struct prt_mesh *m = load(GLTF, false), *z = load(GLTF, true);
@@ -228,6 +251,7 @@ int main(void)
         cmocka_unit_test(orbits_look_at_the_centre),
         cmocka_unit_test(texts_of_orbits),
         cmocka_unit_test(the_files_own_cameras),
+        cmocka_unit_test(targets_are_as_deep_as_the_model),
         cmocka_unit_test(a_file_with_z_up_is_turned),
         cmocka_unit_test(names),
     };

@@ -336,6 +336,115 @@ static void cubes_in_one_file(void **state)
     }
 }
 
+enum { SIDE = 3 };
+
+// A KTX or KTX2 of SIDE texels a side, all black but texel (2,1) of face 4. Rows of a KTX are
+// multiples of four bytes long.
+static size_t one_texel(bool second, uint32_t type, uint32_t format, const uint8_t *texel,
+                        size_t n)
+{
+    const size_t row = second ? SIDE * n : (SIDE * n + 3) / 4 * 4, first = second ? 112 : 68;
+    const uint32_t one[13] = {0x04030201, type, 1, format, 0, 0, SIDE, SIDE, 0, 0, 6, 1, 0};
+    const uint32_t two[9] = {format, 1, SIDE, SIDE, 0, 0, 6, 1, 0};
+    memset(bytes, 0, sizeof bytes);
+    memcpy(bytes, second ? "\xabKTX 20\xbb\r\n\x1a\n" : "\xabKTX 11\xbb\r\n\x1a\n", 12);
+    for (int i = 0; i < (second ? 9 : 13); i++)
+        put(bytes + 12 + 4 * i, second ? two[i] : one[i], 4);
+    put(bytes + 64, row * SIDE, 4);
+    if (second) put(bytes + 80, 112, 8), put(bytes + 88, 6 * row * SIDE, 8);
+    memcpy(bytes + first + (4 * SIDE + 1) * row + 2 * n, texel, n);
+    return first + 6 * row * SIDE;
+}
+
+// The value of every format's bits, subnormal ones, too, at its place among padded rows.
+static void texels_of_every_format(void **state)
+{
+    const float grey = 0.21586050f, least = 0x1p-24f; // of sRGB 128; of half floats
+    const struct {
+        uint32_t type, format, vulkan; // OpenGL's for KTX, Vulkan's for KTX2
+        size_t n;
+        uint8_t texel[8];
+        float want[3];
+    } row[] = {
+        {0x140b, 0x1907, 90, 6, {0, 0x3c, 1, 0, 0xff, 3}, {1, least, 1023 * least}},
+        {0x140b, 0x1908, 97, 8, {0xff, 0x7b, 0, 4, 0, 0x38, 0, 0x3c}, {65504, 0x1p-14f, 0.5f}},
+        // 992: 1.5 of 11 bits; 1: 2^-20; 520: 2.5 of 10 bits
+        {0x8c3b, 0x1907, 122, 4, {0xe0, 0x0b, 0, 0x82}, {1.5f, 0x1p-20f, 2.5f}},
+        // 256, 128, 511 of 2^-8
+        {0x8c3e, 0x1907, 123, 4, {0, 1, 0xfd, 0x87}, {1, 0.5f, 511.f / 256}},
+        {0x1401, 0x1908, 43, 4, {255, 128, 0, 255}, {1, grey, 0}},
+        {0x1401, 0x80e1, 50, 4, {0, 128, 255, 255}, {1, grey, 0}}};
+    for (size_t i = 0; i < 2 * sizeof row / sizeof *row; i++) {
+        const size_t k = i / 2, at = (4 * SIDE + 1) * SIDE + 2;
+        struct prt_context ctx = context();
+        struct prt_env *env;
+        size_t n = one_texel(i % 2, row[k].type, i % 2 ? row[k].vulkan : row[k].format,
+                             row[k].texel, row[k].n);
+        if (prt_env_load_memory(&ctx, "one.ktx", bytes, n, &env)) fail_msg("%s", lines);
+        assert_int_equal(env->cube.n, SIDE);
+        for (size_t j = 0; j < 6 * SIDE * SIDE; j++)
+            for (int c = 0; c < 3; c++) {
+                const float want = j == at ? row[k].want[c] : 0;
+                assert_float_equal(env->cube.texel[3 * j + (size_t)c], want, 1e-6f * want);
+            }
+        prt_env_destroy(env);
+    }
+}
+
+struct dds_kind {
+    uint32_t flags, fourcc, dxgi, bits; // dxgi: of the extended header, 0: there is none
+    size_t n;
+    uint8_t texel[16];
+    float want[3];
+};
+
+// A DDS of SIDE texels a side, all black but texel (2,1) of face 4; levels of 3, 1, 1 texels.
+static size_t one_dds(const struct dds_kind *k, uint32_t mips)
+{
+    const size_t first = k->dxgi ? 148 : 128, face = SIDE * SIDE * k->n;
+    const size_t stride = face + (mips - 1) * k->n;
+    const uint32_t head[7] = {124, mips > 1 ? 0x20000 : 0, SIDE, SIDE, 0, 0, mips};
+    const uint32_t format[7] = {32, k->flags, k->fourcc, k->bits, 0xff0000, 0xff00, 0xff};
+    memset(bytes, 0, sizeof bytes);
+    memcpy(bytes, "DDS ", 4);
+    for (int i = 0; i < 7; i++) put(bytes + 4 + 4 * i, head[i], 4);
+    for (int i = 0; i < 7; i++) put(bytes + 76 + 4 * i, format[i], 4);
+    put(bytes + 112, 0xfe00, 4);
+    if (k->dxgi) put(bytes + 128, k->dxgi, 4), put(bytes + 136, 4, 4);
+    for (size_t f = 0; f < 6; f++)
+        memset(bytes + first + f * stride + face, 0x3b, stride - face);
+    memcpy(bytes + first + 4 * stride + (SIDE + 2) * k->n, k->texel, k->n);
+    return first + 6 * stride;
+}
+
+// The same of a DDS: halves, floats and bytes, with smaller levels behind each face.
+static void texels_of_a_dds(void **state)
+{
+    const float grey = 0.21586050f, least = 0x1p-24f; // of sRGB 128; of half floats
+    const uint32_t extended = 0x30315844;             // "DX10"
+    const struct dds_kind row[] = {
+        {4, 113, 0, 0, 8, {0, 0x3c, 1, 0, 0xff, 3, 0, 0x3c}, {1, least, 1023 * least}},
+        {4, extended, 10, 0, 8, {0, 0x3e, 0, 4, 0, 0x7b, 0, 0}, {1.5f, 0x1p-14f, 57344}},
+        {4, extended, 2, 0, 16, {0, 0, 0x80, 0x3e, 0, 0, 0x40, 0x40}, {0.25f, 3, 0}},
+        {0x40, 0, 0, 32, 4, {0, 128, 255, 255}, {1, grey, 0}},
+        {0x40, 0, 0, 24, 3, {255, 128, 0}, {0, grey, 1}}};
+    for (size_t i = 0; i < 2 * sizeof row / sizeof *row; i++) {
+        const struct dds_kind *k = &row[i / 2];
+        const size_t at = (4 * SIDE + 1) * SIDE + 2;
+        struct prt_context ctx = context();
+        struct prt_env *env;
+        const size_t n = one_dds(k, i % 2 ? 3 : 1);
+        if (prt_env_load_memory(&ctx, "one.dds", bytes, n, &env)) fail_msg("%s", lines);
+        assert_int_equal(env->cube.n, SIDE);
+        for (size_t j = 0; j < 6 * SIDE * SIDE; j++)
+            for (int c = 0; c < 3; c++) {
+                const float want = j == at ? k->want[c] : 0;
+                assert_float_equal(env->cube.texel[3 * j + (size_t)c], want, 1e-6f * want);
+            }
+        prt_env_destroy(env);
+    }
+}
+
 static void pic_is_radiance(void **state)
 {
     struct prt_image im = image(4 * N, 2 * N), back;
@@ -407,6 +516,8 @@ int main(void)
         cmocka_unit_test(faces_are_six_files),
         cmocka_unit_test(strips_and_crosses),
         cmocka_unit_test(cubes_in_one_file),
+        cmocka_unit_test(texels_of_every_format),
+        cmocka_unit_test(texels_of_a_dds),
         cmocka_unit_test(files_by_a_beginning),
         cmocka_unit_test(pic_is_radiance),
         cmocka_unit_test(damaged_ktx),

@@ -621,6 +621,33 @@ static void pixels_are_mended(void **state)
     }
 }
 
+/* An overflowed sun is as bright as the picture's brightest pixel in its channel; what is no
+ * number, or below 0, is dark. */
+static void values_of_mended_pixels(void **state)
+{
+    char path[] = "/tmp/prt-light-XXXXXX";
+    struct prt_env *env = NULL;
+    struct prt_image im = blank(8, 4);
+    close(mkstemp(path));
+    for (size_t i = 0; i < 3 * 8 * 4; i++) im.rgb[i] = (float)(i + 1);
+    im.rgb[3 * 5 + 1] = INFINITY;
+    im.rgb[3 * 6 + 2] = NAN;
+    im.rgb[3 * 7] = -3;
+    assert_int_equal(prt_write_exr(&ctx, path, &im, true, false), 0);
+    assert_int_equal(prt_env_load(&ctx, path, &env), 0);
+    for (size_t i = 0; i < 3 * 8 * 4; i++) {
+        const float want = i == 3 * 5 + 1                 ? 3 * 31 + 2
+                           : i == 3 * 6 + 2 || i == 3 * 7 ? 0
+                                                          : (float)(i + 1);
+        assert_float_equal(env->latlong.rgb[i], want, 0);
+    }
+    assert_int_equal(env->n_nonfinite, 2);
+    assert_int_equal(env->n_negative, 1);
+    prt_env_destroy(env);
+    prt_image_finish(&im);
+    unlink(path);
+}
+
 static void hdr_variants(void **state)
 {
     static const char *const same[] = {"flat.hdr",
@@ -756,6 +783,7 @@ int main(void)
         cmocka_unit_test(png_of_every_plain_kind),
         cmocka_unit_test(exr_variants),
         cmocka_unit_test(pixels_are_mended),
+        cmocka_unit_test(values_of_mended_pixels),
         cmocka_unit_test(hdr_variants),
     };
     return run_test_group(tests, setup, NULL);

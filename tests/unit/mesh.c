@@ -141,6 +141,26 @@ static void normals_are_angle_weighted(void **state)
     prt_mesh_destroy(m);
 }
 
+// Two triangles at an edge wind in one sense where they run through it in opposite directions.
+static void opposite_windings_are_told(void **state)
+{
+    static const struct {
+        const char *faces;
+        bool told;
+    } row[] = {{"f 1 2 3\nf 2 1 4\n", false},
+               {"f 2 1 4\nf 1 2 3\n", false},
+               {"f 1 2 3\nf 1 2 4\n", true},
+               {"f 2 1 3\nf 2 1 4\n", true}};
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        char text[256];
+        snprintf(text, sizeof text, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 -1 0\n%s", row[i].faces);
+        struct prt_mesh *m = must_load(text);
+        assert_int_equal(m->n_boundary_edge, 4);
+        assert_int_equal(strstr(lines, "both sides of 1 edges wind") != NULL, row[i].told);
+        prt_mesh_destroy(m);
+    }
+}
+
 static void mirrored_normals_point_out(void **state)
 {
     struct {
@@ -494,11 +514,12 @@ static void ply_in_three_formats(void **state)
                    "property short group\nelement tristrips 1\n"
                    "property list int int vertex_indices\nend_header\n",
                    format[f]);
-        const int32_t strip[6] = {5, 0, 1, 2, 3, -1};
+        // the second strip begins anew after an odd one
+        const int32_t strip[10] = {9, 0, 1, 2, -1, 0, 1, 2, 3, -1};
         if (f == 0) {
             for (int v = 0; v < 4; v++)
                 at = print(at, "7 %g %g %g\n", p[v][0], p[v][1], p[v][2]);
-            at = print(at, "4 0 1 2 3 5\n3 0 1 3 -5\n5 0 1 2 3 -1\n");
+            at = print(at, "4 0 1 2 3 5\n3 0 1 3 -5\n9 0 1 2 -1 0 1 2 3 -1\n");
         } else {
             for (int v = 0; v < 4; v++) {
                 double y = p[v][1];
@@ -515,7 +536,7 @@ static void ply_in_three_formats(void **state)
                     put_swapped(&at, &faces[k][i], 4, f == 2);
                 put_swapped(&at, &group, 2, f == 2);
             }
-            for (int i = 0; i < 6; i++) put_swapped(&at, &strip[i], 4, f == 2);
+            for (int i = 0; i < 10; i++) put_swapped(&at, &strip[i], 4, f == 2);
         }
         struct prt_context ctx = context();
         struct prt_mesh *m = NULL;
@@ -523,8 +544,9 @@ static void ply_in_three_formats(void **state)
             prt_mesh_load_memory(&ctx, "m.ply", file, (size_t)(at - file), NULL, NULL, &m);
         if (status) fail_msg("%s: %s", format[f], lines);
         assert_int_equal(m->n_vertex, 4);
-        const uint32_t want[5][3] = {{0, 1, 2}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}, {2, 1, 3}};
-        assert_int_equal(m->n_triangle, 5);
+        const uint32_t want[6][3] = {{0, 1, 2}, {0, 2, 3}, {0, 1, 3},
+                                     {0, 1, 2}, {0, 1, 2}, {2, 1, 3}};
+        assert_int_equal(m->n_triangle, 6);
         assert_memory_equal(m->triangle, want, sizeof want);
         assert_memory_equal(m->position, p, sizeof p);
         prt_mesh_destroy(m);
@@ -755,6 +777,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nodes_make_objects),
         cmocka_unit_test(normals_are_angle_weighted),
+        cmocka_unit_test(opposite_windings_are_told),
         cmocka_unit_test(mirrored_normals_point_out),
         cmocka_unit_test(modes_give_triangles),
         cmocka_unit_test(sparse_and_normalised),

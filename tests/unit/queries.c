@@ -349,6 +349,38 @@ static void planes_of_exit_are_added(void **state)
     free(flat), free(again), free(own), free(before), free(after);
 }
 
+// Factors of single scattering's planes make sigma_s times the phase function of any two
+// directions, by the addition theorem; planes of exit have sigma_s alone. sigma_s is sigma_s' /
+// (1 - g).
+static void factors_make_the_phase_function(void **state)
+{
+    const struct prt_material m = {.sigma_s_prime = {1, 2, 0.5f}, .g = {0.6f, 0, -0.3f}};
+    const struct prt_tensor single = {.term = PRT_TERM_SINGLE, .n_phase = 16};
+    const struct prt_tensor exits = {.term = PRT_TERM_VIEW, .n_phase = 16};
+    const float w[2][3] = {{0.48f, 0.6f, 0.64f}, {-0.8f, 0.36f, 0.48f}};
+    double sum[3] = {0}, cosine = 0;
+    float y[2][16];
+    for (int i = 0; i < 2; i++) prt_sh_eval(4, w[i], y[i]);
+    for (int k = 0; k < 3; k++) cosine += (double)w[0][k] * (double)w[1][k];
+    for (unsigned k = 0; k < 16; k++) {
+        float factor[3], plain[3];
+        prt_phase_plane_factor(&m, &single, k, factor);
+        prt_phase_plane_factor(&m, &exits, k, plain);
+        for (int c = 0; c < 3; c++) {
+            sum[c] += (double)(factor[c] * y[0][k] * y[1][k]);
+            assert_float_equal(plain[c], m.sigma_s_prime[c] / (1 - m.g[c]), 1e-6);
+        }
+    }
+    for (int c = 0; c < 3; c++) {
+        struct prt_phase phase;
+        assert_int_equal(prt_phase_hg(&phase, (double)m.g[c], 16), 0);
+        assert_float_equal(sum[c],
+                           prt_phase_eval(&phase, cosine) * (double)m.sigma_s_prime[c] /
+                               (1 - (double)m.g[c]),
+                           1e-6);
+    }
+}
+
 // A half-space lit from one direction: single scattering along the path to the eye is (1 +
 // 1/mu_i') / (1 + mu_o'/mu_i') times that along -n_o (METHODS §8). mu_i' is not known to the
 // correction.
@@ -792,6 +824,7 @@ int main(void)
         cmocka_unit_test(wrong_queries_are_refused),
         cmocka_unit_test(answers_follow_the_command_contract),
         cmocka_unit_test(planes_of_exit_are_added),
+        cmocka_unit_test(factors_make_the_phase_function),
         cmocka_unit_test(half_space_seen_from_the_side),
         cmocka_unit_test(free_materials_follow_the_basis),
         cmocka_unit_test(contracted_light_serves_any_material),

@@ -422,6 +422,93 @@ static void small_mirrors_are_steady(void **state)
     prt_cube_finish(&sky);
 }
 
+// Colours at vertices change no normal: the variance of normals over a pixel stays.
+static void colours_keep_the_variance(void **state)
+{
+    struct scene s;
+    struct prt_gbuffer g[2];
+    struct prt_visibility *vis[2];
+    struct prt_camera c = front(200, 30);
+    double most = 0;
+    scene_init(&s, 49 * 97, 4 * 48 * 48);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 48, true);
+    for (int k = 0; k < 2; k++) {
+        if (k) {
+            s.mesh.color = calloc(s.mesh.n_vertex, sizeof *s.mesh.color);
+            for (uint32_t i = 0; i < 4 * s.mesh.n_vertex; i++) s.mesh.color[0][i] = 0.5f;
+        }
+        vis[k] = see(&s, &c, 32, 32, 8);
+        prt_visibility_gbuffer(vis[k], &g[k]);
+    }
+    assert_int_equal(g[0].n_point, g[1].n_point);
+    for (uint32_t i = 0; i < g[0].n_point; i++) {
+        most = fmax(most, (double)g[0].variance[i]);
+        assert_float_equal(g[1].variance[i], g[0].variance[i], 1e-6);
+    }
+    assert_true(most > 1e-3);
+    free(s.mesh.color);
+    for (int k = 0; k < 2; k++) prt_visibility_destroy(vis[k]);
+    scene_finish(&s);
+}
+
+// What a surface emits leaves it as the model says, whatever its exit and its base colour.
+static void emission_is_added(void **state)
+{
+    static const float emissive[3] = {1, 2, 3}, body[3] = {0.5f, 0.25f, 0};
+    struct scene s;
+    struct prt_surface_maps maps;
+    struct prt_camera c = front(200, 30);
+    struct prt_image image[2];
+    scene_init(&s, 4, 2);
+    add_square(&s, 100, 0, 0, true);
+    prt_surface_maps_default(&maps);
+    s.mesh.maps = &maps;
+    s.mesh.color = calloc(4, sizeof *s.mesh.color);
+    for (int i = 0; i < 16; i++) s.mesh.color[0][i] = 0.5f;
+    for (int k = 0; k < 2; k++) {
+        if (k) memcpy(maps.emissive, emissive, sizeof emissive);
+        struct prt_visibility *vis = see(&s, &c, 16, 16, 1);
+        struct prt_shade shade = {.media = SURFACE(1.5f, 0.3f), .fresnel = true};
+        image[k] = shade_const(&s, vis, &shade, body);
+        prt_visibility_destroy(vis);
+    }
+    for (int i = 0; i < 3 * 16 * 16; i++)
+        assert_float_equal(image[1].rgb[i] - image[0].rgb[i], emissive[i % 3], 1e-5);
+    for (int k = 0; k < 2; k++) prt_image_finish(&image[k]);
+    free(s.mesh.color);
+    scene_finish(&s);
+}
+
+// What is hidden is interpolated between the corners: 3 (1 - hidden) - 0.7 in [0,1] is left of
+// a reflection (METHODS §6, specular occlusion). One vertex hides a part of each direction.
+static void hidden_sky_between_corners(void **state)
+{
+    struct scene s;
+    struct prt_gbuffer g;
+    struct prt_camera c = front(50, 40);
+    double least = 1, most = 0;
+    scene_init(&s, 4, 2);
+    add_square(&s, 10, 0, 0, true);
+    s.mesh.blocked = calloc(4, sizeof *s.mesh.blocked);
+    s.mesh.blocked[1][0] = 64; // of Y_0, 64 * 4 / 127 = 2.016
+    struct prt_visibility *vis = see(&s, &c, 64, 64, 1);
+    prt_visibility_gbuffer(vis, &g);
+    for (uint32_t i = 0; i < g.n_point; i++) {
+        const uint32_t *v = s.mesh.triangle[g.triangle[i]];
+        const float a = g.bary[0][i], b = g.bary[1][i], w[3] = {1 - a - b, a, b};
+        double hidden = 0;
+        for (int k = 0; k < 3; k++)
+            hidden += v[k] == 1 ? 0.28209479 * 2.015748 * (double)w[k] : 0;
+        const double want = fmin(fmax(3 * (1 - hidden) - 0.7, 0), 1);
+        assert_float_equal(g.unblocked[i], want, 1e-4);
+        least = fmin(least, want), most = fmax(most, want);
+    }
+    assert_true(least < 0.8 && most == 1);
+    prt_visibility_destroy(vis);
+    free(s.mesh.blocked);
+    scene_finish(&s);
+}
+
 // At normal incidence F_t/T = (1 - ((eta-1)/(eta+1))²)/T (METHODS §1, exit); opaque surfaces
 // keep plane 0 as it is.
 static void fresnel_at_normal_incidence(void **state)
@@ -791,6 +878,33 @@ static void camera_faults(void **state)
     assert_non_null(strstr(last_line, "parallel"));
 }
 
+// Up along the view is replaced by -z, and by +x along z: a view from above has -z at its top.
+static void parallel_ups_are_replaced(void **state)
+{
+    static const struct {
+        float eye[3], up[3];
+        int axis, sign; // of what the picture's top shows
+    } row[] = {{{0, 50, 0}, {0, 1, 0}, 2, -1},
+               {{0, -50, 0}, {0, 1, 0}, 2, -1},
+               {{50, 0, 0}, {-1, 0, 0}, 2, -1},
+               {{0, 0, 50}, {0, 0, 1}, 0, 1}};
+    struct scene s;
+    scene_init(&s, 4, 2);
+    add_square(&s, 10, 0, 0, true);
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_camera c = {.fovy_deg = 90};
+        float eye[3], forward[3], right[3], up[3];
+        memcpy(c.eye, row[i].eye, sizeof c.eye);
+        memcpy(c.up, row[i].up, sizeof c.up);
+        struct prt_visibility *vis = see(&s, &c, 8, 8, 1);
+        prt_visibility_frame(vis, eye, forward, right, up);
+        for (int k = 0; k < 3; k++)
+            assert_float_equal(up[k], k == row[i].axis ? row[i].sign : 0, 1e-5);
+        prt_visibility_destroy(vis);
+    }
+    scene_finish(&s);
+}
+
 static void sizes_are_limited(void **state)
 {
     struct scene s;
@@ -877,6 +991,9 @@ int main(void)
         cmocka_unit_test(fresnel_at_normal_incidence),
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
+        cmocka_unit_test(colours_keep_the_variance),
+        cmocka_unit_test(emission_is_added),
+        cmocka_unit_test(hidden_sky_between_corners),
         cmocka_unit_test(phase_planes_times_harmonics),
         cmocka_unit_test(turned_specular_and_8_bits),
         cmocka_unit_test(specular_of_constant_is_constant),
@@ -887,6 +1004,7 @@ int main(void)
         cmocka_unit_test(tone_values),
         cmocka_unit_test(tone_curves),
         cmocka_unit_test(camera_faults),
+        cmocka_unit_test(parallel_ups_are_replaced),
         cmocka_unit_test(sizes_are_limited),
         cmocka_unit_test(default_camera_frames),
     };

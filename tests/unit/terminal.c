@@ -171,6 +171,48 @@ static void large_pictures_are_reduced(void **state)
     free(text);
 }
 
+// Each channel gets the nearest of the levels that xterm's colour cube has.
+static void nearest_of_256_colours(void **state)
+{
+    static const int level[6] = {0, 95, 135, 175, 215, 255};
+    const struct prt_terminal t = {.kind = PRT_TERMINAL_BLOCKS_256, .columns = 4, .rows = 4};
+    for (int i = 0; i < 256; i++) {
+        const uint8_t rgb[3] = {(uint8_t)i, (uint8_t)(255 - i), (uint8_t)(i * 7)};
+        char *text = draw(&t, 1, 1, rgb);
+        int code = 0;
+        assert_int_equal(sscanf(text, "\x1b[38;5;%dm", &code), 1);
+        assert_in_range(code, 16, 231);
+        for (int c = 0; c < 3; c++) {
+            const int got = level[(code - 16) / (c == 0 ? 36 : c == 1 ? 6 : 1) % 6];
+            for (int k = 0; k < 6; k++)
+                assert_true(abs(got - rgb[c]) <= abs(level[k] - rgb[c]));
+        }
+        free(text);
+    }
+}
+
+// A pixel of a reduced picture is the mean of what it covers, rounded to the nearest.
+static void means_are_rounded(void **state)
+{
+    const struct prt_terminal t = {.kind = PRT_TERMINAL_BLOCKS, .columns = 1, .rows = 2};
+    for (int round = 0; round < 64; round++) {
+        uint8_t rgb[4][2][3]; // two columns and four rows: one character
+        int got[2][3];
+        for (int i = 0; i < 24; i++) rgb[i / 6][i / 3 % 2][i % 3] = (uint8_t)(i * i * round);
+        char *text = draw(&t, 2, 4, &rgb[0][0][0]);
+        assert_int_equal(sscanf(text, "\x1b[38;2;%d;%d;%dm\x1b[48;2;%d;%d;%dm", &got[0][0],
+                                &got[0][1], &got[0][2], &got[1][0], &got[1][1], &got[1][2]),
+                         6);
+        for (int k = 0; k < 2; k++)
+            for (int c = 0; c < 3; c++) {
+                const int sum = rgb[2 * k][0][c] + rgb[2 * k][1][c] + rgb[2 * k + 1][0][c] +
+                                rgb[2 * k + 1][1][c];
+                assert_int_equal(got[k][c], (sum + 2) / 4);
+            }
+        free(text);
+    }
+}
+
 static void sizes(void **state)
 {
     struct prt_terminal t = {.kind = PRT_TERMINAL_BLOCKS, .columns = 80, .rows = 25};
@@ -222,6 +264,8 @@ int main(void)
         cmocka_unit_test_setup(sixels, begin),
         cmocka_unit_test_setup(half_blocks, begin),
         cmocka_unit_test_setup(large_pictures_are_reduced, begin),
+        cmocka_unit_test_setup(nearest_of_256_colours, begin),
+        cmocka_unit_test_setup(means_are_rounded, begin),
         cmocka_unit_test_setup(sizes, begin),
         cmocka_unit_test_setup(environment, begin),
     };

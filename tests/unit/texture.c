@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // texture/ and the textures of a glTF: decoding and its limits, mip chains, wrap modes,
 // filters, transforms, TEXCOORD sets, vertex colours, and files that name what is not there.
+#include "mesh/obj_material.h"
 #include "prt/light.h"
 #include "prt/mesh.h"
 
@@ -113,6 +114,58 @@ static void levels_average_light(void **state)
     }
 }
 
+// A texel of the next level is the mean over its share of the side, three texels of an odd one.
+static void odd_sides_weigh_by_area(void **state)
+{
+    struct prt_rng rng;
+    prt_rng_init(&rng, 8, 1);
+    for (uint32_t n = 2; n <= 15; n++)
+        for (int along = 0; along < 2; along++) {
+            const uint32_t w = along ? 1 : n, h = along ? n : 1, m = n / 2;
+            struct prt_texture_image image;
+            uint8_t *t = prt_calloc(prt_texture_bytes(w, h), 1);
+            for (uint32_t i = 0; i < 4 * n; i++) t[i] = (uint8_t)(prt_rng_u32(&rng) >> 24);
+            prt_texture_finish_levels(w, h, PRT_TEXTURE_DATA, t, &image);
+            for (uint32_t i = 0; i < 4 * m; i++) {
+                const double wide = (double)n / m, begin = i / 4 * wide;
+                double mean = 0;
+                for (uint32_t k = 0; k < n; k++) {
+                    const double share = fmin(k + 1, begin + wide) - fmax(k, begin);
+                    mean += fmax(share, 0) / wide * t[4 * k + i % 4];
+                }
+                assert_float_equal(t[4 * n + i], mean, 0.501);
+            }
+            prt_free(t);
+        }
+}
+
+// A map with a transform is the map without it at transformed coordinates and footprints.
+static void transforms_turn_footprints(void **state)
+{
+    enum { SIDE = 64 };
+    struct prt_texture_image image;
+    struct prt_rng rng;
+    uint8_t *t = prt_calloc(prt_texture_bytes(SIDE, SIDE), 1);
+    prt_rng_init(&rng, 9, 1);
+    for (int i = 0; i < 4 * SIDE * SIDE; i++) t[i] = (uint8_t)(prt_rng_u32(&rng) >> 24);
+    prt_texture_finish_levels(SIDE, SIDE, PRT_TEXTURE_DATA, t, &image);
+    for (int round = 0; round < 200; round++) {
+        struct prt_texture_ref turned = plain_ref(), plain = plain_ref();
+        float *m = turned.transform, x[3][2], y[3][2], a[4], b[4];
+        for (int k = 0; k < 6; k++) m[k] = 2 * prt_rng_f32(&rng) - 1;
+        for (int k = 0; k < 3; k++) {
+            const float size = k ? (float)(k == 1 ? 16 : 2) / SIDE : 1; // a point, two steps
+            for (int c = 0; c < 2; c++) x[k][c] = size * (2 * prt_rng_f32(&rng) - 1);
+            for (int c = 0; c < 2; c++)
+                y[k][c] = m[3 * c] * x[k][0] + m[3 * c + 1] * x[k][1] + (k ? 0 : m[3 * c + 2]);
+        }
+        prt_texture_sample(&image, t, &turned, x[0], x[1], x[2], a);
+        prt_texture_sample(&image, t, &plain, y[0], y[1], y[2], b);
+        for (int c = 0; c < 4; c++) assert_float_equal(a[c], b[c], 1e-4);
+    }
+    prt_free(t);
+}
+
 // Every level has one value, 20 times its number: a footprint of x texels has level log2(x),
 // between two levels their mix, the nearest of them or, without levels, the first; never one
 // past the last.
@@ -162,6 +215,26 @@ static void anisotropic(void **state)
     prt_texture_sample(&image, t, &ref, white, dx, dy, a);
     prt_texture_sample(&image, t, &ref, black, dx, dy, b);
     assert_true(a[0] > 0.95f && b[0] < 0.05f);
+    prt_free(t);
+}
+
+// Probes lie evenly about their point: over a ramp their mean is the value there.
+static void probes_lie_about_the_point(void **state)
+{
+    enum { N = 16 };
+    struct prt_texture_image image;
+    uint8_t *t = ramp(N, N, PRT_TEXTURE_DATA, &image);
+    struct prt_texture_ref ref = plain_ref();
+    for (int long_side = 1; long_side <= 8; long_side++)
+        for (int along = 0; along < 2; along++) {
+            const float at[2] = {0.47f, 0.55f}, size = (float)long_side / N;
+            const float dx[2] = {along ? 0 : size, along ? size : 0};
+            const float dy[2] = {along ? 1.0f / N : 0, along ? 0 : 1.0f / N};
+            float rgba[4];
+            prt_texture_sample(&image, t, &ref, at, dx, dy, rgba);
+            for (int k = 0; k < 2; k++)
+                assert_float_equal(rgba[k] * 255, 10 * (at[k] * N - 0.5f), 0.01);
+        }
     prt_free(t);
 }
 
@@ -335,6 +408,28 @@ static void maps_of_a_gltf(void **state)
     assert_null(strstr(lines, "left out"));
 }
 
+// Numbers come from the channels that glTF says: red occludes, green is rough, blue is metal.
+static void channels_of_numbers(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m =
+        load(&ctx, "\"occlusionTexture\":{\"index\":0,\"strength\":0.5},"
+                   "\"pbrMetallicRoughness\":{\"roughnessFactor\":0.8,\"metallicFactor\":0.5,"
+                   "\"metallicRoughnessTexture\":{\"index\":0}}");
+    struct prt_texture_image image;
+    uint8_t *t = ramp(1, 1, PRT_TEXTURE_DATA, &image);
+    t[0] = 51, t[1] = 102, t[2] = 204; // 0.2, 0.4, 0.8
+    assert_int_equal(m->n_image, 1);
+    m->image[0] = image;
+    m->texel = t;
+    struct prt_look l = look(m);
+    assert_float_equal(l.occlusion, 0.6, 1e-5);
+    assert_float_equal(l.roughness, 0.32, 1e-5);
+    assert_float_equal(l.metallic, 0.4, 1e-5);
+    prt_free(t);
+    prt_mesh_destroy(m);
+}
+
 // Inside of a material: numbers of the extensions, and none of those out of range.
 static void volumes_of_a_gltf(void **state)
 {
@@ -367,6 +462,11 @@ static void volumes_of_a_gltf(void **state)
                    "{\"transmissionFactor\":0.75},\"KHR_materials_volume\":{}}");
     assert_float_equal(m->surface[0].ior, 1.1 / 0.9, 1e-5);
     assert_non_null(strstr(lines, "a medium has no clearcoat: left out"));
+    prt_mesh_destroy(m); // a colour of the reflection counts by its mean: a quarter again
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_specular\":{\"specularColorFactor\":"
+                   "[0.6,0.15,0]},\"KHR_materials_transmission\":{\"transmissionFactor\":0.75},"
+                   "\"KHR_materials_volume\":{}}");
+    assert_float_equal(m->surface[0].ior, 1.1 / 0.9, 1e-5);
     assert_non_null(strstr(lines, "the 25 % of it that do not transmit"));
     prt_mesh_destroy(m);
     m = load(&ctx, "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.01,"
@@ -393,6 +493,50 @@ static void normals_tilt_up(void **state)
     assert_float_equal(l.normal[1], 0.707, 0.01);
     prt_free(t);
     prt_mesh_destroy(m);
+}
+
+// The mean of normals is shorter the more they differ, at every level: its length is the look's
+// variance, and is not lost on the way to the coarsest.
+static void means_of_normals_stay_short(void **state)
+{
+    for (uint32_t side = 2; side <= 32; side *= 2) {
+        struct prt_texture_image image;
+        uint8_t *t = prt_calloc(prt_texture_bytes(side, side), 1);
+        for (uint32_t i = 0; i < side * side; i++) { // columns tilt by 45 degrees to both sides
+            t[4 * i] = i % 2 ? 218 : 37;
+            t[4 * i + 1] = 128, t[4 * i + 2] = 218, t[4 * i + 3] = 255;
+        }
+        prt_texture_finish_levels(side, side, PRT_TEXTURE_NORMAL, t, &image);
+        struct prt_texture_ref ref = plain_ref();
+        const float uv[2] = {0.4f, 0.6f}, dx[2] = {1, 0}, dy[2] = {0, 1};
+        float n[4];
+        prt_texture_sample(&image, t, &ref, uv, dx, dy, n);
+        assert_float_equal(n[0], 0, 0.02);
+        assert_float_equal(n[2], 0.7071, 0.02);
+        prt_free(t);
+    }
+}
+
+// A material of an OBJ: its map's -s and -o count v upwards, where the mesh counts it
+// downwards; a GGX lobe is as wide as Phong's of the exponent Ns.
+static void numbers_of_an_obj_material(void **state)
+{
+    struct prt_draft draft = {.name = "obj"};
+    struct obj_material m;
+    static const char text[] = "newmtl other\nNs 7\nKd 1 1 1\nnewmtl wall\nNs 30\nKd .1 .2 .3\n"
+                               "map_Kd -s 2 3 -o 0.25 0.5 -clamp on a b.png\n"
+                               "newmtl third\nKe 1 1 1\n";
+    prt_obj_material_init(&m);
+    strcpy(m.name, "wall");
+    prt_obj_material_parse(&draft, text, &m);
+    assert_true(m.found && m.emissive[0] == 0 && m.base[1] == 0.2f);
+    assert_float_equal(pow((double)m.roughness, 4), 2 / 32., 1e-6); // alpha^2 = 2 / (Ns + 2)
+    const struct obj_map *map = &m.map[PRT_MAP_BASE];
+    const float *t = map->ref.transform, u = 0.3f, v = 0.7f; // v of the OBJ
+    assert_string_equal(map->file, "a b.png");
+    assert_int_equal(map->ref.wrap_v, PRT_WRAP_CLAMP);
+    assert_float_equal(t[0] * u + t[1] * (1 - v) + t[2], 0.25 + 2 * u, 1e-6);
+    assert_float_equal(t[3] * u + t[4] * (1 - v) + t[5], 1 - (0.5 + 3 * v), 1e-6);
 }
 
 static void wrong_texture_records(void **state)
@@ -436,11 +580,22 @@ static void wrong_texture_records(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(wrap_modes),          cmocka_unit_test(levels_average_light),
-        cmocka_unit_test(levels_by_footprint), cmocka_unit_test(anisotropic),
-        cmocka_unit_test(hash_is_of_content),  cmocka_unit_test(decoding_and_limits),
-        cmocka_unit_test(maps_of_a_gltf),      cmocka_unit_test(normals_tilt_up),
-        cmocka_unit_test(volumes_of_a_gltf),   cmocka_unit_test(wrong_texture_records),
+        cmocka_unit_test(wrap_modes),
+        cmocka_unit_test(levels_average_light),
+        cmocka_unit_test(levels_by_footprint),
+        cmocka_unit_test(anisotropic),
+        cmocka_unit_test(odd_sides_weigh_by_area),
+        cmocka_unit_test(transforms_turn_footprints),
+        cmocka_unit_test(hash_is_of_content),
+        cmocka_unit_test(probes_lie_about_the_point),
+        cmocka_unit_test(decoding_and_limits),
+        cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(channels_of_numbers),
+        cmocka_unit_test(numbers_of_an_obj_material),
+        cmocka_unit_test(normals_tilt_up),
+        cmocka_unit_test(means_of_normals_stay_short),
+        cmocka_unit_test(volumes_of_a_gltf),
+        cmocka_unit_test(wrong_texture_records),
     };
     return run_test_group(tests, NULL, NULL);
 }
