@@ -107,6 +107,7 @@ def main():
 
         d = Daemon(folder, port, cert)
         d.relight('load', 'small.obj', '--remote', '--size-mm', '20', '--material', 'marble', '--preview')
+        model = json.loads(d.relight('info', 'small', '--json'))['model']
         review(d, 'first')
         for kind in ('pin', 'decision'):
             path, headers, body = Hook.got.get(timeout=20)
@@ -117,6 +118,8 @@ def main():
                 fail('%s' % told)
             if told['name'] != ('Ann' if kind == 'pin' else 'Bob') or len(told['picture_hash']) != 64:
                 fail('%s' % told)
+            if told['by'] != 'uid:%d' % os.getuid() or told['model'] != model:
+                fail('by %s of %s: %s' % (os.getuid(), model, told))
             right = 'sha256=' + hmac.new(KEY.encode(), body, hashlib.sha256).hexdigest()
             if not hmac.compare_digest(right, headers['X-Relight-Signature']):
                 fail('the signature is %s, not %s' % (headers['X-Relight-Signature'], right))
