@@ -44,6 +44,8 @@ class Hook(http.server.BaseHTTPRequestHandler):
 
 
 class Daemon:
+    started = []
+
     def __init__(self, folder, port, trusted):
         self.folder, self.log = folder, os.path.join(folder, 'log')
         with open(os.path.join(folder, 'key'), 'w', encoding='utf-8') as f:
@@ -54,6 +56,7 @@ class Daemon:
                 [BIN + '/relightd', '--data', folder + '/data', '--models', folder, '--listen', 'unix:' + folder + '/s',
                  '--room-hook', 'https://localhost:%d/relight?x=1' % port, '--room-hook-key', folder + '/key'],
                 stderr=log, env=env)
+        self.started.append(self.process)
         self.wait(' start version')
 
     def wait(self, word):
@@ -141,6 +144,8 @@ def main():
                 fail('--room-hook %s: %s' % (url, done.stderr))
         print('room_hook: fine')
     finally:
+        for process in Daemon.started:
+            process.kill()  # where the test failed: it would be waited for
         shutil.rmtree(folder)
 
 
