@@ -320,7 +320,9 @@ void load_source_known(struct load *load)
     if (m->removed) model_revive(m);
     if (other) model_set_name(m, load->owner, load->name);
     m->used_ns = wall_ns();
-    if (changed && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
+    // One without a bake or a preview is remembered as soon as it has one.
+    bool is_there = m->state == RELIGHT__MODEL_STATE__MODEL_READY || m->mesh == MESH_THERE;
+    if (changed && is_there) model_remember(m);
     log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, load->name,
              (unsigned long long)load->request->conn->number, fresh ? "new" : "known");
     bool complete = m->mesh == MESH_THERE || m->mesh == MESH_READING;

@@ -156,6 +156,36 @@ static void test_crashes_are_counted(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// The error of a bake names a file of --models as its users do, without the folder's path.
+static void test_errors_do_not_tell_the_folder(void **state)
+{
+    char path[160], text[600];
+    const char *const own[] = {"--prt", path, NULL};
+    struct relight_load load = small_bake(1, 200);
+    struct relight_loaded loaded;
+    struct relight_error error;
+    snprintf(path, sizeof path, "%s/prt", d.folder);
+    snprintf(text, sizeof text,
+             "#!/bin/sh\ncase $* in bake*) echo \"error: %s/odd.obj: it is odd\" >&2; exit 1;; "
+             "esac\nexec %s/prt \"$@\"\n",
+             d.models, PRT_BINARY_DIR);
+    write_text(path, text);
+    chmod(path, 0700);
+    snprintf(text, sizeof text, "%s/odd.obj", d.models);
+    write_text(text, octahedron);
+    daemon_start(&d, own);
+    struct relight_client *client = client_open(d.address);
+    load.path = "odd.obj";
+    OK(relight_load(client, &load, &loaded, &error));
+    assert_int_equal(relight_watch(client, loaded.job, NULL, NULL, &error),
+                     -RELIGHT_E_JOB_FAILED);
+    assert_non_null(strstr(error.text, "odd.obj: it is odd"));
+    assert_null(strstr(error.text, d.folder));
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // A PNG of one colour: a file of some hundred kB however large the picture.
 static void write_flat_png(const char *path, uint32_t width, uint32_t height, unsigned grey)
 {
@@ -321,6 +351,7 @@ int main(void)
         TEST(test_a_bake_has_its_time),
         TEST(test_a_bake_has_its_memory),
         TEST(test_crashes_are_counted),
+        TEST(test_errors_do_not_tell_the_folder),
         TEST(test_an_image_above_the_cache_is_not_decoded),
         TEST(test_decoders_share_a_memory),
         TEST(test_settings_have_one_bound),

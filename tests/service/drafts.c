@@ -329,8 +329,8 @@ static void test_a_draft_that_fails(void **state)
     assert_int_equal(daemon_stop(&d), 0);
     snprintf(path, sizeof path, "%s/prt", d.folder);
     snprintf(script, sizeof script,
-             "#!/bin/sh\ncase $* in *--draft*) echo error: no >&2; exit 1;; esac\nexec %s/prt "
-             "\"$@\"\n",
+             "#!/bin/sh\ncase $* in bake*) echo warning: odd >&2;; esac\n"
+             "case $* in *--draft*) echo error: no >&2; exit 1;; esac\nexec %s/prt \"$@\"\n",
              PRT_BINARY_DIR);
     write_text(path, script);
     chmod(path, 0700);
@@ -341,7 +341,12 @@ static void test_a_draft_that_fails(void **state)
            &error, NULL);
     assert_false(has_draft(model));
     assert_true(log_says(&d, "draft failed", 1000));
-    cancel(model, job);
+    OK(relight_watch(client, job, NULL, NULL, &error));
+    // What draft and bake both warn of is told once.
+    struct relight_model m = info_of(model);
+    assert_int_equal(m.n_warning, 1);
+    assert_string_equal(m.warning[0], "odd");
+    relight_model_finish(&m);
 }
 
 static int setup(void **state)

@@ -160,6 +160,47 @@ static void a_filter_of_kinds(void **state)
     end();
 }
 
+// Its id. `x` makes it another shape.
+static void load_preview(struct relight_client *client, const char *x, char id[ID_SIZE])
+{
+    struct relight_error error;
+    struct relight_loaded loaded;
+    char text[sizeof octahedron + 16], name[32], hash[65];
+    snprintf(text, sizeof text, "v %s 0 0%s", x, strchr(octahedron, '\n'));
+    snprintf(name, sizeof name, "shape-%s.obj", x);
+    OK(relight_upload(client, name, text, strlen(text), NULL, NULL, hash, NULL, &error));
+    struct relight_file file = {name, hash};
+    struct relight_load load = {.n_file = 1, .files = &file, .size_mm = 10, .preview = true};
+    OK(relight_load(client, &load, &loaded, &error));
+    snprintf(id, ID_SIZE, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+}
+
+// Of a model only the newest state is kept, and that of each model is.
+static void the_newest_state_of_each_model(void **state)
+{
+    begin(NULL);
+    struct cursor cursor = {"", 0};
+    bool lost = true;
+    char id[2][ID_SIZE];
+    unsigned n[2] = {0};
+    frames_close(subscribe(NULL, &cursor, NULL));
+    struct relight_client *client = client_open(d.address);
+    load_preview(client, "1.5", id[0]);
+    load_preview(client, "2.5", id[1]);
+    struct frames *f = subscribe(&cursor, &cursor, &lost);
+    assert_false(lost);
+    for (Relight__Event *e; (e = next_event(f, 2, &cursor, 500)); drop(e))
+        for (int i = 0; i < 2; i++)
+            n[i] +=
+                e->kind == RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED && !strcmp(e->model, id[i]);
+    assert_int_equal(n[0], 1);
+    assert_int_equal(n[1], 1);
+    relight_close(client);
+    frames_close(f);
+    end();
+}
+
 // Names a model again and again: each time is an event.
 static void rename_often(struct relight_client *client, int n)
 {
@@ -247,6 +288,7 @@ int main(void)
         cmocka_unit_test_teardown(models_jobs_and_environments, teardown),
         cmocka_unit_test_teardown(a_filter_of_kinds, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
+        cmocka_unit_test_teardown(the_newest_state_of_each_model, teardown),
         cmocka_unit_test_teardown(a_reader_that_stays_behind, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

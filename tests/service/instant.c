@@ -182,6 +182,7 @@ static void test_the_bake_takes_over(void **state)
     assert_string_equal(cost.note, "");
     char path[200];
     snprintf(path, sizeof path, "%s/previews/%s.prt", d.data, loaded.model);
+    for (int i = 0; i < 1000 && !access(path, F_OK); i++) sleep_ms(20); // by a worker
     assert_int_equal(access(path, F_OK), -1);
     OK(relight_view_close(view, NULL, NULL, &error));
     OK(relight_unload(client, loaded.model, true, NULL, &error));

@@ -506,6 +506,13 @@ static void test_names_belong_to_principals(void **state)
     relight_close(local);
     relight_close(remote);
     assert_int_equal(daemon_stop(&d), 0);
+    // The second principal's own name of the first model outlives the daemon.
+    daemon_start(&d, NULL);
+    remote = open_tcp();
+    assert_true(id_of(remote, "mine", NULL, id));
+    assert_string_equal(id, same);
+    relight_close(remote);
+    assert_int_equal(daemon_stop(&d), 0);
 }
 
 static void catalogue(const char *id, const char *name, int age_s)

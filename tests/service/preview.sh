@@ -82,6 +82,8 @@ same m.npy m.csv 1e-3
 expect 0 relight colors ball --env sky.hdr --term multiple --format rgb9e5 -o m.npy
 same m.npy m.csv 4e-3
 expect 0 relight colors ball --env constant:1,1,1 --env sky.hdr --gain 1 --gain 2 -o sum.npy
+expect 0 relight colors ball --env sky.hdr --env constant:1,1,1 --gain 2 --gain 1 -o mus.npy
+same mus.npy sum.npy 1e-5
 expect 0 relight colors ball --env sky.hdr --rotate 90 -o c.ply
 expect 0 relight colors ball --env sky.hdr --rotate 90 -o c.glb
 expect 0 prt info c.glb

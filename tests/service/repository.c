@@ -273,6 +273,28 @@ static void test_replaced_version(void **state)
     relight_close(client);
 }
 
+// Two versions of one source are one model, which stays while one of them is there.
+static void test_equal_versions(void **state)
+{
+    char first[ID_SIZE], second[ID_SIZE];
+    for (int i = 1; i < 3; i++) {
+        put_text(i == 1 ? "twin/1/model.json" : "twin/2/model.json", preview);
+        put_shape(i == 1 ? "twin/1/o.obj" : "twin/2/o.obj", 3);
+    }
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    wait_for(client, "twin/1", RELIGHT_MODEL_PREVIEW, NULL, first);
+    wait_for(client, "twin/2", RELIGHT_MODEL_PREVIEW, NULL, second);
+    assert_string_equal(first, second);
+    take_away("twin/2/o.obj");
+    wait_gone(client, "twin/2");
+    assert_int_equal(state_of(client, "twin/1", second), RELIGHT_MODEL_PREVIEW);
+    assert_string_equal(first, second);
+    assert_int_equal(state_of(client, "twin", second), RELIGHT_MODEL_PREVIEW);
+    assert_string_equal(first, second);
+    relight_close(client);
+}
+
 // Folders that cannot be used are named in the log, and are used once they are mended.
 static void test_faulty_versions(void **state)
 {
@@ -431,13 +453,9 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, fresh_folder, after_each)
     const struct CMUnitTest tests[] = {
-        TEST(test_versions),
-        TEST(test_replaced_version),
-        TEST(test_faulty_versions),
-        TEST(test_source_is_baked_again),
-        TEST(test_list_in_parts),
-        TEST(test_memory_and_pins),
-        TEST(test_folder_that_is_away),
+        TEST(test_versions),        TEST(test_replaced_version),      TEST(test_equal_versions),
+        TEST(test_faulty_versions), TEST(test_source_is_baked_again), TEST(test_list_in_parts),
+        TEST(test_memory_and_pins), TEST(test_folder_that_is_away),
     };
 #undef TEST
     signal(SIGPIPE, SIG_IGN);

@@ -167,6 +167,18 @@ static void test_killed_bake_goes_on(void **state)
     assert_int_equal(daemon_end(&d), 0);
 }
 
+// Where the log says that a job was started; NULL: nowhere.
+static const char *started(const char *log, const char *job)
+{
+    char word[80];
+    snprintf(word, sizeof word, "job id=%s ", job);
+    for (const char *at = log; (at = strstr(at, word)); at++) {
+        const char *end = strchr(at, '\n'), *is = strstr(at, " started");
+        if (is && end && is < end) return at;
+    }
+    return NULL;
+}
+
 // LOAD was answered: whatever happens, the bake is there later. Queued jobs keep their order,
 // a cancelled one does not come back.
 static void test_queue_survives(void **state)
@@ -193,6 +205,10 @@ static void test_queue_survives(void **state)
     assert_true(metric(client, "relightd_jobs_open") >= 1);
     wait_for_job(client, loaded[0].job);
     wait_for_job(client, loaded[1].job);
+    char *log = read_text(d.log);
+    const char *first = started(log, loaded[0].job), *second = started(log, loaded[1].job);
+    assert_true(!first || !second || first < second); // one may have ended before
+    free(log);
     int status = relight_watch(client, loaded[2].job, NULL, NULL, &error);
     // Its end may have been lost with the daemon; then it was baked.
     assert_true(status == -RELIGHT_E_CANCELLED || status == 0);

@@ -44,6 +44,8 @@ class Hook(http.server.BaseHTTPRequestHandler):
 
 
 class Daemon:
+    started = []
+
     def __init__(self, folder, port, trusted):
         self.folder, self.log = folder, os.path.join(folder, 'log')
         with open(os.path.join(folder, 'key'), 'w', encoding='utf-8') as f:
@@ -54,6 +56,7 @@ class Daemon:
                 [BIN + '/relightd', '--data', folder + '/data', '--models', folder, '--listen', 'unix:' + folder + '/s',
                  '--room-hook', 'https://localhost:%d/relight?x=1' % port, '--room-hook-key', folder + '/key'],
                 stderr=log, env=env)
+        self.started.append(self.process)
         self.wait(' start version')
 
     def wait(self, word):
@@ -107,6 +110,7 @@ def main():
 
         d = Daemon(folder, port, cert)
         d.relight('load', 'small.obj', '--remote', '--size-mm', '20', '--material', 'marble', '--preview')
+        model = json.loads(d.relight('info', 'small', '--json'))['model']
         review(d, 'first')
         for kind in ('pin', 'decision'):
             path, headers, body = Hook.got.get(timeout=20)
@@ -117,6 +121,8 @@ def main():
                 fail('%s' % told)
             if told['name'] != ('Ann' if kind == 'pin' else 'Bob') or len(told['picture_hash']) != 64:
                 fail('%s' % told)
+            if told['by'] != 'uid:%d' % os.getuid() or told['model'] != model:
+                fail('by %s of %s: %s' % (os.getuid(), model, told))
             right = 'sha256=' + hmac.new(KEY.encode(), body, hashlib.sha256).hexdigest()
             if not hmac.compare_digest(right, headers['X-Relight-Signature']):
                 fail('the signature is %s, not %s' % (headers['X-Relight-Signature'], right))
@@ -138,6 +144,8 @@ def main():
                 fail('--room-hook %s: %s' % (url, done.stderr))
         print('room_hook: fine')
     finally:
+        for process in Daemon.started:
+            process.kill()  # where the test failed: it would be waited for
         shutil.rmtree(folder)
 
 

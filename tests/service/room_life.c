@@ -403,6 +403,50 @@ static void members_and_scopes(void **unused)
     end();
 }
 
+// Waits until that subscription has seen a participant of this principal in this role.
+static void see_role(struct frames *f, uint64_t id, const char *by, int role)
+{
+    for (bool seen = false; !seen;) {
+        struct reply r = event_of(f, id, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
+        Relight__Presence *p = relight__presence__unpack(NULL, r.n, r.payload);
+        for (size_t i = 0; i < p->n_participants; i++)
+            seen |=
+                !strcmp(p->participants[i]->by, by) && (int)p->participants[i]->role == role;
+        relight__presence__free_unpacked(p, NULL);
+        reply_free(&r);
+    }
+}
+
+// Who sits in a room when an owner gives them another role has it at once, before everybody.
+static void a_new_role_is_seen(void **unused)
+{
+    begin(NULL);
+    struct frames *owner = frames_open(&d), *watch = frames_open(&d);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    const char *scopes[] = {"view", "edit"};
+    struct relight_token_order order = {.name = "eve", .scope = scopes, .n_scope = 2};
+    char room[33], secret[RELIGHT_SECRET];
+    OK(relight_token_create(client, &order, secret, &error));
+    relight_close(client);
+    room_create(owner, "roles", room);
+    assert_int_equal(set_member(owner, room, "token:eve", RELIGHT__ROOM_ROLE__ROLE_VIEWER), 0);
+    struct frames *eve = frames_token(&d, secret, NULL);
+    room_add_subscribe(watch, 10, room, 0, "Ann");
+    room_add_subscribe(eve, 11, room, 0, "Eve");
+    frames_send(watch);
+    frames_send(eve);
+    see_role(watch, 10, "token:eve", RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    assert_int_equal(set_member(owner, room, "token:eve", RELIGHT__ROOM_ROLE__ROLE_REVIEWER),
+                     0);
+    see_role(watch, 10, "token:eve", RELIGHT__ROOM_ROLE__ROLE_REVIEWER);
+    see_role(eve, 11, "token:eve", RELIGHT__ROOM_ROLE__ROLE_REVIEWER);
+    frames_close(eve);
+    frames_close(watch);
+    frames_close(owner);
+    end();
+}
+
 static int invite(struct frames *f, const char *room, int role, uint64_t expires_s,
                   char secret[64], uint64_t *sequence)
 {
@@ -628,6 +672,7 @@ int main(void)
         cmocka_unit_test_teardown(an_own_scene_is_seen, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
         cmocka_unit_test_teardown(members_and_scopes, teardown),
+        cmocka_unit_test_teardown(a_new_role_is_seen, teardown),
         cmocka_unit_test_teardown(guests, teardown),
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),

@@ -52,12 +52,14 @@ static void add_picture(struct frames *f, uint64_t id, unsigned turn, uint32_t s
     frames_add(f, RELIGHT_TYPE_IMAGE, id, &m.base, NULL, 0);
 }
 
+// Of a name with labels, which follow it in braces, the sum.
 static double metric_of(struct frames *f, const char *name)
 {
     static uint64_t id = 1u << 30;
     Relight__StatsRequest in = RELIGHT__STATS_REQUEST__INIT;
     struct frames_answer a;
     ProtobufCMessage *m = NULL;
+    const size_t n = strlen(name);
     double value = -1;
     frames_add(f, RELIGHT_TYPE_STATS, ++id, &in.base, NULL, 0);
     frames_send(f);
@@ -69,7 +71,9 @@ static double metric_of(struct frames *f, const char *name)
     } while (a.id != id);
     const Relight__StatsAnswer *stats = (const Relight__StatsAnswer *)m;
     for (size_t i = 0; i < stats->n_metrics; i++)
-        if (!strcmp(stats->metrics[i]->name, name)) value = stats->metrics[i]->value;
+        if (!strncmp(stats->metrics[i]->name, name, n) &&
+            (!stats->metrics[i]->name[n] || stats->metrics[i]->name[n] == '{'))
+            value = fmax(value, 0) + stats->metrics[i]->value;
     protobuf_c_message_free_unpacked(m, NULL);
     return value;
 }
@@ -434,6 +438,31 @@ static void test_reduced_colors_then_exact(void **state)
     relight_close(client);
 }
 
+// Of forty pictures at once two are computed at a time: all together wait longer than they
+// take, and the histograms tell one from the other.
+static void test_waiting_is_told(void **state)
+{
+    enum { N = 40 };
+    static const char waits[] = "relightd_queue_seconds_sum",
+                      takes[] = "relightd_compute_seconds_sum";
+    struct frames *f = frames_open(&d), *watch = frames_open(&d);
+    struct frames_answer a;
+    double waited = fmax(metric_of(watch, waits), 0), took = fmax(metric_of(watch, takes), 0);
+    for (unsigned i = 0; i < N; i++)
+        add_picture(f, 10 + i, 90000 + i, 300, RELIGHT__PRIORITY__PRIORITY_DEFAULT);
+    frames_send(f);
+    for (unsigned n = 0; n < N; n++) {
+        assert_true(frames_next(f, &a, 120000, NULL));
+        assert_int_equal(a.code, 0);
+    }
+    waited = metric_of(watch, waits) - waited;
+    took = metric_of(watch, takes) - took;
+    print_message("%d pictures waited %.3f s and took %.3f s\n", N, waited, took);
+    assert_true(took > 0 && waited > took);
+    frames_close(watch);
+    frames_close(f);
+}
+
 // BUSY says when to come back: longer where more waits.
 static void test_busy_says_when(void **state)
 {
@@ -487,6 +516,7 @@ int main(void)
         cmocka_unit_test(test_cancelled_previews_are_not_read),
         cmocka_unit_test(test_greedy_and_modest),
         cmocka_unit_test(test_priorities),
+        cmocka_unit_test(test_waiting_is_told),
         cmocka_unit_test(test_busy_says_when),
         cmocka_unit_test(test_reduced_then_exact),
         cmocka_unit_test(test_reduced_colors_then_exact),

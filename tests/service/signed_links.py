@@ -140,6 +140,14 @@ def expiry_and_revocation(d, shop):
 def who_may_sign(d):
     upload = relight(d, "token", "create", "--name", "up", "--scope", "upload")
     assert "view" in relight(d, "sign", PATH, token=upload, expect=1)
+    # Nor does what it signs itself lend a right that it does not have.
+    path, query = PATH.split("?")
+    soon = int(time.time()) + 600
+    assert "view" in refused(d, sign(upload, "up", path, query, soon))["detail"]
+    # A link ends with its token.
+    short = relight(d, "token", "create", "--name", "short", "--scope", "view", "--expires", "1s")
+    time.sleep(1.1)
+    refused(d, sign(short, "short", path, query, soon))
     # root's socket has every right, but no token that a link could end with
     assert "token" in relight(d, "sign", PATH, expect=1)
     slow = relight(d, "token", "create", "--name", "slow", "--scope", "view", "--rate", "0.01")
@@ -160,8 +168,10 @@ def pages_of_other_origins(d, shop):
     status, headers, _ = d.ask("GET", "/v1/models", headers={**ours, "Authorization": "Bearer " + shop})
     assert status == 200 and headers["access-control-allow-origin"] == "https://ours.example"
     assert headers["vary"] == "origin"
-    for method in ("OPTIONS", "GET"):
-        assert d.ask(method, "/v1/models", headers={"Origin": "https://evil.example"})[0] == 403
+    for other in ("https://evil.example", "https://ours.example.evil.example", "https://ours.example:8443",
+                  "http://ours.example", "https://ours.exampl"):
+        for method in ("OPTIONS", "GET"):
+            assert d.ask(method, "/v1/models", headers={"Origin": other})[0] == 403, other
 
 
 def main():

@@ -64,7 +64,10 @@ static void send_frame(int fd, uint16_t type, uint64_t id, const ProtobufCMessag
     send_all(fd, bytes, n);
 }
 
-// The next answer's type; its message is the caller's.
+// Of the answer that was received last: bytes of its payload, and zeros before them.
+static size_t payload_size, payload_pad;
+
+// The next answer's type; its message is the caller's, and its payload is still to be read.
 static uint16_t receive(int fd, uint64_t id, ProtobufCMessage **out)
 {
     uint8_t fixed[32], header[4096];
@@ -78,6 +81,10 @@ static uint16_t receive(int fd, uint64_t id, ProtobufCMessage **out)
     assert_int_equal(raw_read(fd, header, frame.header_size, 60000, &closed),
                      frame.header_size);
     assert_int_equal(frame.id, id);
+    memcpy(&frame.payload_size, fixed + 24, 8);
+    payload_size = frame.payload_size;
+    payload_pad = -(sizeof fixed + frame.header_size) % RELIGHT_FRAME_ALIGN;
+    frame.payload_size = 0;
     frame.header = header;
     assert_non_null(*out = relight_frame_unpack(&frame));
     return frame.type;
@@ -155,6 +162,30 @@ static int put(int fd, const struct put *p, uint64_t *received, bool *complete)
     return put_end(fd, id, received, complete);
 }
 
+// Asks for a range of an upload and compares what comes with `want` bytes from there on.
+static int get_range(int fd, const char *hash, uint64_t offset, uint64_t size,
+                     const uint8_t *bytes, size_t want)
+{
+    Relight__GetBlobRequest m = RELIGHT__GET_BLOB_REQUEST__INIT;
+    ProtobufCMessage *message;
+    uint8_t got[4096];
+    bool closed;
+    int code = 0;
+    m.hash = (char *)hash;
+    m.offset = offset;
+    m.size = size;
+    send_frame(fd, RELIGHT_TYPE_GET_BLOB, 20, &m.base, NULL, 0);
+    if (receive(fd, 20, &message) == RELIGHT_TYPE_ERROR)
+        code = (int)((Relight__Error *)message)->code;
+    protobuf_c_message_free_unpacked(message, NULL);
+    assert_int_equal(payload_size, want);
+    if (!want) return code;
+    assert_true(payload_pad + want <= sizeof got);
+    assert_int_equal(raw_read(fd, got, payload_pad + want, 60000, &closed), payload_pad + want);
+    assert_memory_equal(got + payload_pad, bytes + offset, want);
+    return code;
+}
+
 static double now_s(void)
 {
     struct timespec t;
@@ -216,6 +247,33 @@ static void test_pings_during_large_chunks(void **state)
 }
 
 // A principal who promises another size, or never goes on, is in nobody's way.
+// GET_BLOB sends the part that was asked for, to the end where no size or too much was.
+static void test_parts_come_back(void **state)
+{
+    enum { N = 1000 };
+    uint8_t bytes[N];
+    char hash[65];
+    struct relight_sha256 sha;
+    uint64_t received;
+    bool complete;
+    for (int i = 0; i < N; i++) bytes[i] = (uint8_t)(i * 2654435761u >> 13);
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, bytes, N);
+    relight_sha256_hex(&sha, hash);
+    int fd = open_local();
+    struct put p = {.hash = hash, .size = N, .bytes = bytes, .n = N};
+    assert_int_equal(put(fd, &p, &received, &complete), 0);
+    assert_true(complete);
+    assert_int_equal(get_range(fd, hash, 0, 0, bytes, N), 0);
+    assert_int_equal(get_range(fd, hash, 0, 1, bytes, 1), 0);
+    assert_int_equal(get_range(fd, hash, 100, 50, bytes, 50), 0);
+    assert_int_equal(get_range(fd, hash, N - 5, 50, bytes, 5), 0);
+    assert_int_equal(get_range(fd, hash, N, 0, bytes, 0), 0);
+    assert_int_equal(get_range(fd, hash, N + 1, 0, bytes, 0),
+                     RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE);
+    close(fd);
+}
+
 static void test_hash_of_another_upload(void **state)
 {
     static const char text[] = "the bytes that both of them know";
@@ -455,6 +513,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_pings_during_large_chunks),
+        cmocka_unit_test(test_parts_come_back),
         cmocka_unit_test(test_hash_of_another_upload),
         cmocka_unit_test(test_uploads_are_bounded_by_principal),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),

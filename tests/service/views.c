@@ -56,6 +56,9 @@ struct put {
     Relight__Vec3 gain;
     Relight__Shade shade;
     Relight__ViewOptions options;
+    Relight__Picture picture;
+    Relight__Camera camera;
+    Relight__Vec3 eye, target, up;
 };
 
 static void put_init(struct put *p)
@@ -73,7 +76,7 @@ static uint64_t open_view(struct put *p)
 {
     Relight__ViewOpenRequest m = RELIGHT__VIEW_OPEN_REQUEST__INIT;
     m.model = model;
-    m.colors = true;
+    m.colors = !p->state.picture;
     m.state = &p->state;
     frames_add(f, RELIGHT_TYPE_VIEW_OPEN, ++last_id, &m.base, NULL, 0);
     frames_send(f);
@@ -360,6 +363,55 @@ static void equal_frames(void **state)
     assert_int_equal(same.hash, other.hash);
 }
 
+// A picture of 32 x 32 pixels from there, in a view of its own where `view` is 0.
+static struct seen look(uint64_t *view, uint64_t sequence, float eye, float target, float up,
+                        float fovy)
+{
+    struct put p;
+    put_init(&p);
+    relight__picture__init(&p.picture);
+    relight__camera__init(&p.camera);
+    relight__vec3__init(&p.eye);
+    relight__vec3__init(&p.target);
+    relight__vec3__init(&p.up);
+    p.state.picture = &p.picture;
+    p.picture.width = p.picture.height = 32;
+    p.picture.format = RELIGHT__IMAGE_FORMAT__IMAGE_PNG;
+    p.picture.camera = &p.camera;
+    p.camera.eye = &p.eye;
+    p.camera.target = &p.target;
+    p.camera.up = &p.up;
+    p.camera.fovy_deg = fovy;
+    p.eye.x = eye, p.eye.z = 4;
+    p.target.y = target;
+    p.up.x = up, p.up.y = 1;
+    if (*view) {
+        set(*view, sequence, &p, (char *[]){"picture.camera"}, 1);
+    } else {
+        p.state.n_lights = 1;
+        p.light.env = "constant:1,2,3";
+        *view = open_view(&p);
+    }
+    return frame_of(*view, sequence);
+}
+
+// The field of the camera is all of it: pictures are those of views that began with it.
+static void a_camera_is_replaced_whole(void **state)
+{
+    static const float to[][4] = {
+        {1, 0, 0, 40}, {1, .5f, 0, 40}, {1, .5f, .5f, 40}, {1, .5f, .5f, 60}};
+    uint64_t view = 0;
+    struct seen before = look(&view, 0, 0, 0, 0, 40);
+    for (uint64_t i = 0; i < 4; i++) {
+        uint64_t fresh = 0;
+        struct seen one = look(&view, i + 1, to[i][0], to[i][1], to[i][2], to[i][3]);
+        struct seen want = look(&fresh, 0, to[i][0], to[i][1], to[i][2], to[i][3]);
+        assert_true(one.hash && one.hash != before.hash);
+        assert_int_equal(one.hash, want.hash);
+        before = one;
+    }
+}
+
 // Tracing irradiance under a new light takes far longer than a millisecond.
 static void a_frame_has_its_deadline(void **state)
 {
@@ -374,11 +426,15 @@ static void a_frame_has_its_deadline(void **state)
     uint64_t view = open_view(&p);
     struct seen seen = frame_of(view, 0);
     assert_int_equal(seen.code, RELIGHT__ERROR_CODE__ERROR_DEADLINE);
-    put_init(&p);
-    set(view, 1, &p, (char *[]){"options.frame_deadline_ms", "shade.term"}, 2);
+    put_init(&p); // without a deadline
+    set(view, 1, &p, (char *[]){"options.frame_deadline_ms"}, 1);
     seen = frame_of(view, 1);
     assert_int_equal(seen.code, 0);
     assert_int_equal(seen.frame, 2);
+    set(view, 2, &p, (char *[]){"shade.term"}, 1);
+    seen = frame_of(view, 2);
+    assert_int_equal(seen.code, 0);
+    assert_int_equal(seen.frame, 3);
 }
 
 static double seconds_now(void)
@@ -428,6 +484,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(acknowledged_without_an_answer, begin, end),
         cmocka_unit_test_setup_teardown(window_in_bytes, begin, end),
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
+        cmocka_unit_test_setup_teardown(a_camera_is_replaced_whole, begin, end),
         cmocka_unit_test_setup_teardown(a_frame_has_its_deadline, begin, end),
         cmocka_unit_test_setup_teardown(rate_of_a_client, begin, end),
     };

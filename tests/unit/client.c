@@ -720,6 +720,72 @@ static void formats(void **state)
     assert_true(fabs(rgb[3] - 0.2158605) < 1e-6);
 }
 
+static ProtobufCMessage *kept[2];
+
+static void keep_script(struct peer *p)
+{
+    peer_hello(p);
+    for (int i = 0; i < 2 && peer_read(p); i++)
+        kept[i] = relight_frame_unpack(&p->decoder.frame);
+    peer_read(p);
+}
+
+// What is asked for arrives, field by field.
+static void fields_of_requests(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    uint64_t id;
+    struct relight_shade shade = {.engine = RELIGHT_ENGINE_JOINT,
+                                  .term = RELIGHT_TERM_MULTIPLE,
+                                  .max_error = .25f,
+                                  .budget_ms = 40,
+                                  .variant = "waxen"};
+    struct relight_colors_request colors = {.model = "m",
+                                            .n_light = 1,
+                                            .lights = &sky,
+                                            .sum = true,
+                                            .shade = shade,
+                                            .format = RELIGHT_COLOR_RGB9E5,
+                                            .exposure_ev = 1.5f,
+                                            .priority = RELIGHT_PRIORITY_BULK,
+                                            .pose = "bent",
+                                            .most_rank = 7,
+                                            .phases = true,
+                                            .exits = true};
+    struct relight_image_request image = {.model = "n",
+                                          .n_light = 1,
+                                          .lights = &sky,
+                                          .shade = shade,
+                                          .pose = "straight",
+                                          .priority = RELIGHT_PRIORITY_BULK};
+    peer_start(&p, keep_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    assert_int_equal(relight_colors_begin(client, &colors, 0, &id, &error), 0);
+    assert_int_equal(relight_image_begin(client, &image, 0, &id, &error), 0);
+    peer_stop(&p, client);
+    const Relight__ColorsRequest *c = (const Relight__ColorsRequest *)kept[0];
+    const Relight__ImageRequest *i = (const Relight__ImageRequest *)kept[1];
+    assert_true(c && i);
+    assert_string_equal(c->model, "m");
+    assert_string_equal(c->pose, "bent");
+    assert_true(c->sum && c->phases && c->exits && c->most_rank == 7);
+    assert_true(c->exposure_ev == 1.5f);
+    assert_int_equal(c->format, RELIGHT__COLOR_FORMAT__COLOR_RGB9E5);
+    assert_int_equal(c->priority, RELIGHT__PRIORITY__PRIORITY_BULK);
+    assert_string_equal(i->model, "n");
+    assert_string_equal(i->pose, "straight");
+    assert_int_equal(i->priority, RELIGHT__PRIORITY__PRIORITY_BULK);
+    for (int k = 0; k < 2; k++) {
+        const Relight__Shade *s = k ? i->shade : c->shade;
+        assert_int_equal(s->engine, RELIGHT__ENGINE__ENGINE_JOINT);
+        assert_int_equal(s->term, RELIGHT__TERM__TERM_MULTIPLE);
+        assert_true(s->max_error == .25f && s->budget_ms == 40);
+        assert_string_equal(s->variant, "waxen");
+        protobuf_c_message_free_unpacked(kept[k], NULL);
+    }
+}
+
 static void cameras(void **state)
 {
     struct relight_camera c;
@@ -759,6 +825,7 @@ int main(void)
         cmocka_unit_test(requests_while_answers_arrive),
         cmocka_unit_test(views),
         cmocka_unit_test(formats),
+        cmocka_unit_test(fields_of_requests),
         cmocka_unit_test(cameras),
     };
     return cmocka_run_group_tests_name("client", tests, NULL, NULL);

@@ -9,7 +9,9 @@
 
 #include "room_actions.h"
 #include "rooms/fold.h"
+#include "rooms/room_private.h"
 #include "rooms/state.h"
+#include "store/holds.h"
 
 static const char room[] = "0123456789abcdef0123456789abcdef";
 enum { ROUNDS = 30, EVENTS = 300 };
@@ -422,6 +424,76 @@ static void notes_and_revisions(void **unused)
     room_state_free(t.state);
 }
 
+// Strokes of other pins, and those of none, stay.
+static void an_erased_pin_takes_its_strokes(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 13);
+    struct table t = {NULL, begin(&r), 1000000};
+    struct room_act pin = {0}, stroke = {0};
+    Relight__Erase erase = RELIGHT__ERASE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    act_pin(&pin, &r);
+    pin.pin.text = "here";
+    relight__room_action__init(&stroke.action);
+    act_stroke(&stroke, &r, 0);
+    stroke.stroke.n_points = 2;
+    for (int i = 0; i < 2; i++) assert_int_equal(act(&t, ANN, 2, &pin.action), 0);
+    const uint64_t pins[] = {t.state->pins[0]->stamp->sequence,
+                             t.state->pins[1]->stamp->sequence, 0};
+    for (int i = 0; i < 6; i++) {
+        stroke.stroke.pin = pins[i % 3];
+        assert_int_equal(act(&t, BOB, 2, &stroke.action), 0);
+    }
+    erase.target = pins[0];
+    action.erase = &erase;
+    assert_int_equal(act(&t, ANN, 2, &action), 0);
+    assert_int_equal(t.state->n_pins, 1);
+    assert_int_equal(t.state->n_strokes, 4);
+    for (int i = 0; i < 4; i++)
+        assert_int_equal(t.state->strokes[i]->line->pin, pins[1 + i % 2]);
+    room_state_free(t.state);
+}
+
+// Whether the room needs this upload on the disk.
+static bool needs(const Relight__RoomState *state, const char *hash)
+{
+    char *names = room_needs(state);
+    assert_non_null(names);
+    bool has = holds_among(names, hash);
+    free(names);
+    return has;
+}
+
+// A light that was replaced is needed while it can come back: not in a closed room.
+static void what_can_be_undone_is_needed(void **unused)
+{
+    static char env[] = "env:bce0aff19cf5aa6a7469a30d61d04e4376e4bbf6381052ee9e7f33925c954d52";
+    struct rnd r;
+    rnd_seed(&r, 17);
+    struct table t = {NULL, begin(&r), 1000000};
+    struct room_act a;
+    Relight__RoomClose close = RELIGHT__ROOM_CLOSE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    memset(&a, 0, sizeof a);
+    relight__room_action__init(&a.action);
+    act_change(&a, &r);
+    a.change.n_parts = 1;
+    a.parts[0] = "lights";
+    a.scene.n_lights = 1;
+    a.light[0].env = env;
+    assert_false(needs(t.state, env + 4));
+    assert_int_equal(act(&t, ANN, 3, &a.action), 0);
+    assert_true(needs(t.state, env + 4));
+    assert_int_equal(rotate(&t, ANN, 10, slow, 0), 0);
+    assert_true(needs(t.state, env + 4));
+    action.close = &close;
+    close.closed = true;
+    assert_int_equal(act(&t, ANN, 3, &action), 0);
+    assert_false(needs(t.state, env + 4));
+    room_state_free(t.state);
+}
+
 // A scene's map of media is kept as it is; an entry without object or medium is refused.
 static void media_by_object(void **unused)
 {
@@ -489,6 +561,8 @@ int main(void)
         cmocka_unit_test(conflicts_are_told),
         cmocka_unit_test(roles),
         cmocka_unit_test(notes_and_revisions),
+        cmocka_unit_test(an_erased_pin_takes_its_strokes),
+        cmocka_unit_test(what_can_be_undone_is_needed),
         cmocka_unit_test(media_by_object),
         cmocka_unit_test(pictures_are_named_by_their_hash),
     };
