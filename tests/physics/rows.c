@@ -168,7 +168,9 @@ static void rows_keep_what_they_are_made_of(void **state)
     struct prt_cluster cluster = {0, V, 0, 0, 0};
     uint32_t order[V];
     for (uint32_t v = 0; v < V; v++) order[v] = v;
-    struct clusters clusters = {.n_cluster = 1, .cluster = &cluster, .order = order};
+    uint32_t object = 0;
+    struct clusters clusters = {
+        .n_cluster = 1, .cluster = &cluster, .object = &object, .order = order};
     for (int way = 0; way < 2; way++) {
         struct row_source source = {rows, V, multiply, project, way ? blend : NULL};
         struct pack_options o = {.energy_error = 1e-3, .max_bytes = 1e9, .low_rank = true};

@@ -226,7 +226,9 @@ static void the_bytes_allowed_are_used(void **state)
     for (uint32_t i = 0; i < CLUSTERS * VERTICES; i++) order[i] = i;
     for (uint32_t c = 0; c < CLUSTERS; c++)
         cluster[c] = (struct prt_cluster){c * VERTICES, VERTICES, 0, 0, 0};
-    struct clusters clusters = {.n_cluster = CLUSTERS, .cluster = cluster, .order = order};
+    uint32_t object[CLUSTERS] = {0};
+    struct clusters clusters = {
+        .n_cluster = CLUSTERS, .cluster = cluster, .object = object, .order = order};
     struct factored *f = rows_of(CLUSTERS, VERTICES, N, J);
     static const double budget[] = {2e5, 6e5, 1e12};
     for (int i = 0; i < 3; i++) {
