@@ -17,13 +17,24 @@ struct choice {
     double row_bytes;       // of a row beside its entries
     double component_bytes; // low_rank: of a component beside its bytes in the entries
     double *bytes;          // [n_cluster] kept
-    double price;           // energy that one byte has to hold
+    double *weight;         // [n_cluster] of lost energy: the error is each object's own
+    double price;           // weighted energy that one byte has to hold
     const struct pack_options *options;
     double *dropped;   // [n_cluster] energy lost
     uint64_t *entries; // [n_cluster] kept
     uint32_t *rank;    // [n_cluster] kept
     float *threshold;  // [n_cluster] energy above which an entry is kept
 };
+
+// An object of less than this part of the mean energy a vertex is not stored as exactly as
+// others, for the bytes. Chosen, not measured: its radiance is a hundredth.
+static const double least_part = 1e-4;
+
+// Energy that a byte of cluster i has to hold.
+static double price_of(const struct choice *c, size_t i)
+{
+    return c->price / c->weight[i];
+}
 
 static bool is_scaling(uint32_t n, uint32_t k)
 {
@@ -65,7 +76,8 @@ static double u_bytes(const struct factored *f, uint32_t r)
 static void priced_choice(struct choice *c, size_t i)
 {
     struct factored *f = &c->f[i];
-    float limit = (float)(c->price * c->entry_bytes);
+    const double price = price_of(c, i);
+    float limit = (float)(price * c->entry_bytes);
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     uint32_t keep = 0;
     c->threshold[i] = limit;
@@ -76,7 +88,7 @@ static void priced_choice(struct choice *c, size_t i)
     double surplus = 0, best = 0;
     for (uint32_t r = 0; r < most; r++) {
         const float *e = f->energy + (size_t)r * c->n_coef;
-        double own = -c->price * (u_bytes(f, r) + c->row_bytes);
+        double own = -price * (u_bytes(f, r) + c->row_bytes);
         for (uint32_t k = 0; k < c->n_coef; k++)
             if (e[k] > limit || is_scaling(c->n, k)) own += (double)e[k] - limit;
         surplus += own;
@@ -89,7 +101,8 @@ static void priced_choice(struct choice *c, size_t i)
 static void low_rank_choice(struct choice *c, size_t i, float *room)
 {
     struct factored *f = &c->f[i];
-    const struct component_price price = {c->price, c->entry_bytes, c->component_bytes, c->cpu};
+    const struct component_price price = {price_of(c, i), c->entry_bytes, c->component_bytes,
+                                          c->cpu};
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     double surplus = 0, best = 0, lost = f->tail ? f->tail[0] : 0, left = lost, bytes = 0;
     uint64_t entries = 0;
@@ -105,7 +118,7 @@ static void low_rank_choice(struct choice *c, size_t i, float *room)
                      row.width * c->component_bytes + u_bytes(f, r) + c->row_bytes;
         // The energy of a column of U: its scaling coefficients and its entries.
         double held = f->tail[r] - f->tail[r + 1] - all + row.energy;
-        surplus += held - c->price * own;
+        surplus += held - price.byte * own;
         left -= held;
         bytes += own;
         entries += row.entries;
@@ -166,7 +179,7 @@ static int weigh(const struct prt_context *ctx, struct choice *c, double log_pri
     int status = prt_parallel_for(ctx, NULL, n, 1, choose_range, c);
     *bytes = *lost = 0;
     for (uint32_t i = 0; i < c->n_cluster; i += c->stride) {
-        *lost += c->dropped[i];
+        *lost += c->weight[i] * c->dropped[i];
         *bytes += c->bytes[i];
     }
     return status;
@@ -191,7 +204,7 @@ static struct goal goal_of(const struct choice *c)
         bool own = i % c->stride == 0;
         all += c->f[i].n_vertex;
         vertices += own ? c->f[i].n_vertex : 0;
-        if (own && c->f[i].tail) total += c->f[i].tail[0];
+        if (own && c->f[i].tail) total += c->weight[i] * c->f[i].tail[0];
     }
     double e = c->options->energy_error;
     return (struct goal){c->options->max_bytes * vertices / fmax(all, 1), total * e * e};
@@ -261,7 +274,7 @@ static int choose(const struct prt_context *ctx, struct choice *c)
         return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
     double total = 0, more;
     for (uint32_t i = 0; i < c->n_cluster; i++)
-        if (c->f[i].tail) total += c->f[i].tail[0];
+        if (c->f[i].tail) total += c->weight[i] * c->f[i].tail[0];
     double hi = log(fmax(total, 1e-300)), lo = hi + log(1e-16);
     bool some = c->n_cluster >= 4 * SOME && !c->options->n_basis_coef;
     if (some) c->stride = c->n_cluster / SOME;
@@ -269,6 +282,34 @@ static int choose(const struct prt_context *ctx, struct choice *c)
     c->stride = 1;
     if (status) return status;
     return some ? refine(ctx, c, &lo, &hi) : excess(ctx, c, hi, &more);
+}
+
+// Weights that give every object the mean energy a vertex: what is lost of a dark one counts as
+// much as it shows beside the rest of that object.
+static int weigh_objects(struct choice *c, const struct clusters *clusters)
+{
+    uint32_t n_object = 0;
+    for (uint32_t i = 0; i < c->n_cluster; i++)
+        n_object = clusters->object[i] >= n_object ? clusters->object[i] + 1 : n_object;
+    double *energy = prt_calloc(2 * ((size_t)n_object + 1), sizeof *energy);
+    double *vertices = energy ? energy + n_object + 1 : NULL;
+    if (!energy) return PRT_NOMEM;
+    for (uint32_t i = 0; i < c->n_cluster; i++) {
+        if (!c->f[i].tail) continue;
+        const uint32_t at[2] = {clusters->object[i], n_object}; // its object, and all
+        for (int k = 0; k < 2; k++) {
+            energy[at[k]] += c->f[i].tail[0];
+            vertices[at[k]] += c->f[i].n_vertex;
+        }
+    }
+    const double mean = energy[n_object] / fmax(vertices[n_object], 1);
+    for (uint32_t i = 0; i < c->n_cluster; i++) {
+        const uint32_t o = clusters->object[i];
+        const double own = energy[o] / fmax(vertices[o], 1);
+        c->weight[i] = own > 0 ? mean / fmax(own, least_part * mean) : 1;
+    }
+    prt_free(energy);
+    return PRT_OK;
 }
 
 static void set_index(struct prt_rows *rows, uint64_t at, uint32_t k)
@@ -463,11 +504,14 @@ int prt_pack_factored(const struct prt_context *ctx, const struct clusters *clus
     c.rank = prt_alloc(nc, sizeof *c.rank);
     c.bytes = prt_alloc(nc, sizeof *c.bytes);
     c.threshold = prt_alloc(nc, sizeof *c.threshold);
+    c.weight = prt_alloc(nc, sizeof *c.weight);
     memset(out, 0, sizeof *out);
     out->storage = PRT_STORAGE_FACTORED;
-    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold && c.bytes
+    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold &&
+                         c.bytes && c.weight
                      ? PRT_OK
                      : PRT_NOMEM;
+    if (status == PRT_OK) status = weigh_objects(&c, clusters);
     if (status == PRT_OK) status = choose(ctx, &c);
     if (status == PRT_OK) status = allocate(&c, clusters, &l, out);
     if (status == PRT_OK) status = prt_parallel_for(ctx, NULL, nc, 1, write_range, &l);
@@ -478,6 +522,7 @@ int prt_pack_factored(const struct prt_context *ctx, const struct clusters *clus
     prt_free(c.rank);
     prt_free(c.bytes);
     prt_free(c.threshold);
+    prt_free(c.weight);
     if (status) prt_tensor_finish(out);
     return status;
 }

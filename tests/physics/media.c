@@ -108,6 +108,41 @@ static double error_on(int ball, const float (*a)[3], const float (*b)[3])
                              3 * (size_t)(begin[ball + 1] - begin[ball]));
 }
 
+// Law: max_error holds for every object (METHODS §3, what is kept): one that is twenty times
+// darker than its neighbour differs no more from its bake alone.
+static void dark_object_keeps_its_error(void **state)
+{
+    static const double max_error[] = {0.01, 0.05}; // of a bake and of a draft
+    struct prt_material pair[BALLS] = {material[1], material[1]};
+    for (int c = 0; c < 3; c++) pair[1].sigma_a[c] = 4;
+    for (int i = 0; i < 2; i++) {
+        struct prt_bake_options o = {.engine = PRT_TRANSPORT_WAVELET,
+                                     .media = {BALLS, pair, own},
+                                     .n_sample = 4000,
+                                     .cube = 16,
+                                     .max_error = max_error[i],
+                                     .no_single = true,
+                                     .seed = 1};
+        assert_int_equal(prt_bake(&context, mesh, &o, file("uneven", i)), PRT_OK);
+        struct prt_file *f = open_prt(file("uneven", i));
+        float(*got)[3] = ask(f, o.media, PRT_ANSWER_MULTIPLE, NULL), (*want[BALLS])[3];
+        for (int k = 0; k < BALLS; k++) {
+            o.media = prt_media_one(&pair[k]);
+            o.rank = 150; // all that can matter
+            o.n_basis_coef = 6 * 16 * 16;
+            assert_int_equal(prt_bake(&context, mesh, &o, file("even", k)), PRT_OK);
+            struct prt_file *even = open_prt(file("even", k));
+            want[k] = ask(even, o.media, PRT_ANSWER_MULTIPLE, NULL);
+            expect_below(expect_name("relative RMSE of ball %d at %g", k, max_error[i]),
+                         error_on(k, (const float(*)[3])got, (const float(*)[3])want[k]),
+                         max_error[i]);
+            prt_file_close(even);
+        }
+        free(got), free(want[0]), free(want[1]);
+        prt_file_close(f);
+    }
+}
+
 // Law: an object of a bake of several media has the colours of a bake of its medium alone
 // (METHODS §10): light does not cross objects. Where the material is free the bakes differ in
 // the radial basis, which serves both indices, and joint ones in what is kept.
@@ -318,6 +353,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_object_is_as_with_its_medium_alone),
+        cmocka_unit_test(dark_object_keeps_its_error),
         cmocka_unit_test(several_eta_agree_with_the_reference),
         cmocka_unit_test(an_edit_of_one_object_keeps_the_other),
         cmocka_unit_test(eta_belongs_to_the_object),
