@@ -59,6 +59,7 @@ static void make_balls(void)
     block[1] = (struct prt_block){
         1, 0, n_vertex, mesh->n_vertex - n_vertex, n_triangle, mesh->n_triangle - n_triangle};
     mesh->block = block, mesh->n_block = mesh->n_object = BALLS;
+    mesh->object = NULL; // names of one object only
     begin[1] = n_vertex, begin[2] = mesh->n_vertex;
 }
 
@@ -278,6 +279,7 @@ static void an_opaque_body_inside_stops_rays(void **state)
                                  n_triangle, candle->n_triangle - n_triangle};
     candle->surface = surface, candle->n_surface = 2;
     candle->block = part, candle->n_block = candle->n_object = 2;
+    candle->object = NULL;
     struct prt_mesh bare = *candle; // without the wick
     bare.n_block = bare.n_object = 1, bare.n_vertex = n_vertex, bare.n_triangle = n_triangle;
     struct prt_material thin = material[0]; // whose light reaches the wick
