@@ -507,6 +507,7 @@ static void act_on_the_unkept(unsigned host, int n_turn)
         uint32_t which = (uint32_t)rand_r(&seed) % 4;
         make_file(file, which, 300000 + 1000 * which, hash);
         int err = object_put(store, OBJECT_BLOB, hash, file);
+        if (err) print_error("object_put: %s\n", strerror(-err));
         if (err) _exit(11);
         if ((err = object_find(store, OBJECT_BLOB, hash, &bytes)) && err != -ENOENT) _exit(12);
         if (!err && bytes != 300000 + 1000 * which) _exit(13);
