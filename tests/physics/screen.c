@@ -342,8 +342,8 @@ static void harmonics_of_one_texel(void **state)
     prt_samples_finish(&s);
 }
 
-// Law: a lamp gives I cos / d^2, or nothing where something stands between; what stands beyond
-// it takes nothing (METHODS §1, irradiance).
+// Law: a lamp gives I cos / d^2, and nothing where a surface lies between it and the point. A
+// surface beyond the lamp casts no shadow (METHODS §1, irradiance).
 static void lamps_under_a_roof(void **state)
 {
     static const struct {

@@ -417,7 +417,7 @@ static void see_role(struct frames *f, uint64_t id, const char *by, int role)
     }
 }
 
-// Who sits in a room when an owner gives them another role has it at once, before everybody.
+// A guest whose role the owner changes has it at once, and everybody in the room sees it.
 static void a_new_role_is_seen(void **unused)
 {
     begin(NULL);

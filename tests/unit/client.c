@@ -730,7 +730,7 @@ static void keep_script(struct peer *p)
     peer_read(p);
 }
 
-// What is asked for arrives, field by field.
+// A request has the values that its caller set, in every field.
 static void fields_of_requests(void **state)
 {
     struct peer p;

@@ -621,8 +621,8 @@ static void pixels_are_mended(void **state)
     }
 }
 
-/* An overflowed sun is as bright as the picture's brightest pixel in its channel; what is no
- * number, or below 0, is dark. */
+/* An infinite pixel gets the largest finite value of its channel. Values that are no number or
+ * below 0 become 0. */
 static void values_of_mended_pixels(void **state)
 {
     char path[] = "/tmp/prt-light-XXXXXX";

@@ -451,7 +451,7 @@ static void colours_keep_the_variance(void **state)
     scene_finish(&s);
 }
 
-// What a surface emits leaves it as the model says, whatever its exit and its base colour.
+// The emitted radiance is the model's: neither exit nor base colour multiplies it.
 static void emission_is_added(void **state)
 {
     static const float emissive[3] = {1, 2, 3}, body[3] = {0.5f, 0.25f, 0};
@@ -479,8 +479,9 @@ static void emission_is_added(void **state)
     scene_finish(&s);
 }
 
-// What is hidden is interpolated between the corners: 3 (1 - hidden) - 0.7 in [0,1] is left of
-// a reflection (METHODS §6, specular occlusion). One vertex hides a part of each direction.
+// The hidden part of the sky is interpolated between the corners of a triangle. Of a reflection
+// 3 (1 - hidden) - 0.7 is left, held in [0, 1] (METHODS §6, specular occlusion). At one vertex
+// a part of each direction is hidden.
 static void hidden_sky_between_corners(void **state)
 {
     struct scene s;
@@ -883,7 +884,7 @@ static void parallel_ups_are_replaced(void **state)
 {
     static const struct {
         float eye[3], up[3];
-        int axis, sign; // of what the picture's top shows
+        int axis, sign; // of the direction at the picture's top
     } row[] = {{{0, 50, 0}, {0, 1, 0}, 2, -1},
                {{0, -50, 0}, {0, 1, 0}, 2, -1},
                {{50, 0, 0}, {-1, 0, 0}, 2, -1},

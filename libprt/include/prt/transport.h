@@ -191,8 +191,8 @@ enum prt_file_check {
  * damaged. The caller closes *out; the context is not kept. */
 int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file_check check,
                   struct prt_file **out);
-/* The same of a copy in memory, on huge pages where the system has them: relights of it take
- * some 5 % less time, and nothing that happens to the file later harms it. PRT_IO, too: the
+/* The same of a copy in memory, on huge pages where the system has them: relights of it miss
+ * the TLB less, and nothing that happens to the file later harms it. PRT_IO, too: the
  * file became shorter meanwhile; PRT_NOMEM. */
 int prt_file_read(const struct prt_context *ctx, const char *path, enum prt_file_check check,
                   struct prt_file **out);

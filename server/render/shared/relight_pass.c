@@ -28,7 +28,7 @@ struct pass_item {
 enum {
     MOST_PASSES = 2,   // of a model at a time
     SCRATCH_SHARE = 8, // a pass's scratch takes at most this part of --cache, or one item
-    HOLD_NS = 1000000, // turning 16 lights takes half of this on two cores
+    HOLD_NS = 1000000, // chosen, not measured: longer than 16 lights take to turn
 };
 
 struct pass {
