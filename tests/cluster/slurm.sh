@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: MIT
 # relightd --runner slurm beside a Slurm of its own (deploy/cluster/with_slurm): an array of four tasks
 # makes the bytes of a local bake, also where Slurm runs a task again and where relightd restarts
-# meanwhile; a bake is cancelled; errors are told in prt's words. With `time`: an array whose time was too
-# short runs again with more, also where relightd restarts meanwhile, and keeps what was finished.
+# meanwhile; a task that a node cannot start is released, or its array runs again; a bake is cancelled;
+# errors are told in prt's words. With `time`: an array whose time was too short runs again with more,
+# also where relightd restarts meanwhile, and keeps what was finished.
 #   slurm.sh FOLDER_OF_THE_PROGRAMS [time]
 set -u
 bin=$1
@@ -146,6 +147,33 @@ id5=$(load 300 | id_of)
 ready "$id5" 90 || wrong "the small bake"
 grep -q ": 1 tasks of about" few.log || wrong "a small bake has several tasks"
 stop
+
+# A node that cannot start a task, for a file of a run before lies in its way: Slurm holds the task. It is
+# released, or the array runs again where that is not allowed.
+lies_in_the_way() { # sets next, the first of the jobs that cannot start
+    local d i n
+    next=$(scontrol show config | sed -n 's/^NEXT_JOB_ID *= *//p')
+    for n in n1 n2; do
+        for i in 0 1; do
+            d=$(printf '%s/d/%s/job%05d' "$(dirname "$SLURM_CONF")" $n $((next + i)))
+            mkdir -p "$d" && echo >"$d/slurm_script"
+        done
+    done
+}
+mkdir not_allowed
+printf '#!/bin/sh\necho "Access/permission denied" >&2\nexit 1\n' >not_allowed/scontrol
+chmod +x not_allowed/scontrol
+for way in "$PATH" "$T/not_allowed:$PATH"; do
+    lies_in_the_way
+    PATH=$way "$bin/relight-slurm" --tasks=2 -- "${args[@]}" --threads=1 -o "$T/held.prt" 2>out ||
+        wrong "a held task: $(cat out)"
+    cmp held.prt own.prt || wrong "other bytes after a held task"
+    rm held.prt
+    grep -qE "a node failed to start task [01] of Slurm job $next; it was released|job $next could not be started" out ||
+        wrong "it was not held: $(cat out)"
+done
+grep -q "Slurm job $next could not be started on a node; it runs again" out || wrong "it was released: $(cat out)"
+echo "a task that a node could not start was released, or its array ran again"
 
 start slurm "${slurm[@]}"
 job=$(load 60000 --seed 5 | sed -n 's/.*job \(job-[0-9a-f-]*\).*/\1/p')
