@@ -314,10 +314,14 @@ int object_put(struct object_store *store, enum object_kind kind, const char *id
     object_temporary(store, temporary);
     err = copy_file(path, temporary, true, hex);
     if (err) return err;
-    if (kind == OBJECT_BLOB && strcmp(hex, id)) err = -EBADMSG;
-    // Collected between two steps: there is a place for it again.
-    for (int tries = 0; !err && tries < 3; tries++)
-        if ((err = publish(store, temporary, to)) != -EEXIST) break;
+    if (kind == OBJECT_BLOB && strcmp(hex, id)) {
+        unlink(temporary);
+        return -EBADMSG;
+    }
+    // Collected between two steps: there is a place for it, which NFS may not know yet.
+    int tries = 0;
+    do err = publish(store, temporary, to);
+    while (try_again(to, err == -EEXIST ? -ESTALE : err, tries++));
     unlink(temporary);
     return err;
 }
