@@ -11,7 +11,7 @@ void prt_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                       const float *light, float *out);
 void prt_expand_avx512(const struct expand_job *job);
 void prt_radial_avx512(const struct expand_job *job);
-// prt_expand_avx512 in 16-bit integers for each whole four of the job's triples.
+// prt_expand_avx512 in 16-bit integers.
 void prt_expand_vnni(const struct expand_job *job);
 void prt_integer_lights_fill_vnni(const struct integer_lights *q, unsigned n_light,
                                   const float *const coef[], uint32_t begin, uint32_t end);

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: MIT
 // Expansion in 16-bit integers with AVX-512 VNNI: one instruction multiplies two rows of U with
-// their coefficients and adds the products, twice the rate of floating point. It is used for
-// groups of eight or four triples, where arithmetic and not memory is the limit.
+// their coefficients and adds the products, twice the rate of floating point.
 //
 // kernels.h says how coefficients become integers. Coefficients of falling size, as a singular
 // value decomposition gives, keep 15 bits where it matters: the error is some 3e-5 of the
 // colours (1e-4 when all coefficients are of one size), as much as the rounding of U itself.
 #include "avx512.h"
+#include "scatter.h"
 
 #include <math.h>
 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_VNNI)
 #include "store_avx512.h"
+
+#include "chunk_avx512.h"
 
 enum { COLUMNS = 24 };
 
@@ -22,10 +24,11 @@ struct integers {
         __attribute__((aligned(64))); // pairs of rows: low half, high half
 };
 
-// The mask of a part's columns: 24 columns of eight triples in two parts, 12 of four in one.
+// The mask of a part's columns: 24 columns of eight triples in two parts, those of four or one
+// in one.
 PRT_INLINE __mmask16 columns(uint32_t nt, int part)
 {
-    return part ? 0xff : nt == 8 ? 0xffff : 0x0fff;
+    return part ? 0xff : nt == 8 ? 0xffff : nt == 4 ? 0x0fff : 0x0007;
 }
 
 PRT_INLINE __m512 weights(const struct expand_job *job, uint32_t r, uint32_t t, __mmask16 mask,
@@ -107,18 +110,67 @@ PRT_INLINE void integer_tile(const struct expand_job *job, const void *user, uin
     }
 }
 
+// n_pair pairs of rows for n vertices. u: the first pair at the chunk's first vertex; next:
+// what is read after them.
+PRT_INLINE void add_pairs(const struct integers *q, uint32_t pair, const uint32_t n_pair,
+                          const uint16_t *u, const uint16_t *next, size_t stride, uint32_t n,
+                          int32_t *sum)
+{
+    for (uint32_t v = 0; v < n; v += 16, u += 32, next += 32) {
+        __m512i x[3];
+        for (int ch = 0; ch < 3; ch++)
+            x[ch] = pair ? _mm512_load_si512(sum + 3 * v + 16 * ch) : _mm512_setzero_si512();
+        for (uint32_t k = 0; k < n_pair; k++) {
+            const __m512i two = _mm512_loadu_si512(u + k * 2 * stride);
+            _mm_prefetch((const char *)(next + k * 2 * stride), _MM_HINT_T0);
+            for (int ch = 0; ch < 3; ch++) add_products(&x[ch], two, &q->c[pair + k][ch]);
+        }
+        for (int ch = 0; ch < 3; ch++) _mm512_store_si512(sum + 3 * v + 16 * ch, x[ch]);
+    }
+}
+
+// One triple.
+static void integer_chunks(const struct expand_job *job, const struct integers *q, uint32_t t)
+{
+    int32_t sum[3 * CHUNK] __attribute__((aligned(64)));
+    const uint32_t n_pair = (job->rank + 1) / 2;
+    for (uint32_t v0 = job->begin, n; v0 < job->end; v0 += n) {
+        n = job->end - v0 < CHUNK ? job->end - v0 : CHUNK;
+        const uint16_t *u = job->u + 2 * (size_t)v0, *next = u;
+        if (!n_pair) memset(sum, 0, sizeof sum);
+        claim(job, t, v0, n);
+        for (uint32_t r = 0, k; r < n_pair; r += k, u = next) {
+            k = n_pair - r >= 4 ? 4 : n_pair - r >= 2 ? 2 : 1;
+            next = u + k * 2 * job->stride;
+            const uint16_t *after = r + k < n_pair ? next : job->u + 2 * (size_t)(v0 + n);
+            if (k == 4) add_pairs(q, r, 4, u, after, job->stride, n, sum);
+            else if (k == 2) add_pairs(q, r, 2, u, after, job->stride, n, sum);
+            else add_pairs(q, r, 1, u, after, job->stride, n, sum);
+        }
+        for (uint32_t v = 0; v < n; v += 16) {
+            __m512 x[3];
+            for (int ch = 0; ch < 3; ch++)
+                x[ch] =
+                    _mm512_mul_ps(_mm512_cvtepi32_ps(_mm512_load_si512(sum + 3 * v + 16 * ch)),
+                                  _mm512_set1_ps(q->back[ch]));
+            put16(job, v0 + v, t, in_a_row(job, v0 + v, 16), x[0], x[1], x[2]);
+        }
+    }
+}
+
 // More than eight triples take several passes over U, a piece of which stays in the cache.
 void prt_expand_vnni(const struct expand_job *job)
 {
-    const uint32_t n = job->rank <= EXPAND_RANK_MOST ? job->n_triple & ~3u : 0;
+    const uint32_t n = job->rank <= EXPAND_RANK_MOST ? job->n_triple : 0;
     struct expand_job rest = *job;
     struct integers q;
     uint32_t t = 0;
     for (uint32_t nt; t < n; t += nt) {
-        nt = n - t >= 8 ? 8 : 4;
+        nt = n - t >= 8 ? 8 : n - t >= 4 ? 4 : 1;
         if (!scale_columns(job, t, nt, &q)) break; // floating point takes the rest
         if (nt == 8) expand_blocks(job, &q, t, 8, 1, integer_tile);
-        else expand_blocks(job, &q, t, 4, 2, integer_tile);
+        else if (nt == 4) expand_blocks(job, &q, t, 4, 2, integer_tile);
+        else integer_chunks(job, &q, t);
     }
     if (t && job->stream) _mm_sfence();
     if (t == job->n_triple) return;

@@ -8,7 +8,11 @@
 #include <math.h>
 #include <string.h>
 
-enum { PAIR_LANES = 32 }; // integers per coefficient in integer_lights.lane
+// Integers per coefficient in integer_lights.lane.
+static size_t lanes_of(unsigned n_light)
+{
+    return n_light == 1 ? 4 : 32;
+}
 
 // Where r g b of a light begin in its coefficient's lanes.
 static size_t lane_of(unsigned light)
@@ -26,10 +30,11 @@ static void lights_to_integers(const struct integer_lights *q, unsigned n_light,
                                const float *const coef[], uint32_t begin, uint32_t end)
 {
     const uint32_t n = q->n;
+    const size_t lanes = lanes_of(n_light);
     for (uint32_t i = begin; i < end; i++) {
         const float gain = q->gain[(i | i / n) & (n - 1)];
-        int16_t *lane = q->lane + PAIR_LANES * (size_t)i;
-        memset(lane, 0, PAIR_LANES * sizeof *lane);
+        int16_t *lane = q->lane + lanes * i;
+        memset(lane, 0, lanes * sizeof *lane);
         for (unsigned l = 0; l < n_light; l++)
             for (size_t ch = 0; ch < 3; ch++) {
                 const float factor = q->scale[l][ch] * gain;
@@ -38,9 +43,10 @@ static void lights_to_integers(const struct integer_lights *q, unsigned n_light,
     }
 }
 
-// Sum over a row's blocks; within a block in integers.
+// Sum over a row's blocks; within a block in integers. lane: of the light and channel, `lanes`
+// from one coefficient to the next.
 static float row_sum(const struct prt_rows *rows, uint32_t row, const int16_t *lane,
-                     unsigned light, uint32_t ch)
+                     size_t lanes, uint32_t ch)
 {
     const uint16_t *index = rows->index;
     const int16_t *pair = rows->entry;
@@ -48,8 +54,7 @@ static float row_sum(const struct prt_rows *rows, uint32_t row, const int16_t *l
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1];) {
         int32_t block = 0;
         for (int k = 0; k < PRT_PAIR_BLOCK && e < rows->begin[row + 1]; k++, e++)
-            block += pair[e / 2 * 6 + 2 * ch + e % 2] *
-                     lane[PAIR_LANES * (size_t)index[e] + lane_of(light) + ch];
+            block += pair[e / 2 * 6 + 2 * ch + e % 2] * lane[lanes * index[e]];
         sum += (float)block;
     }
     return sum;
@@ -59,11 +64,12 @@ static void pairs_group(const struct prt_rows *rows, uint32_t begin, uint32_t en
                         const struct integer_lights *q, unsigned n_light, size_t light_pitch,
                         size_t row_pitch, float *out)
 {
+    const size_t lanes = lanes_of(n_light);
     for (uint32_t row = begin; row < end; row++, out += row_pitch)
         for (unsigned l = 0; l < n_light; l++)
             for (uint32_t ch = 0; ch < 3; ch++) {
                 const float factor = rows->scale[3ull * row + ch] * q->back[l][ch];
-                float x = row_sum(rows, row, q->lane, l, ch) * factor;
+                float x = row_sum(rows, row, q->lane + lane_of(l) + ch, lanes, ch) * factor;
                 for (uint32_t f = 0; f < 6; f++)
                     x = fmaf(prt_f16_to_f32(rows->scaling[18ull * row + 3 * f + ch]),
                              q->scaling[f][l][ch], x);
@@ -125,11 +131,11 @@ static bool expand_group(const struct expand_job *job, uint32_t t, uint32_t n)
 
 static void expand(const struct expand_job *job)
 {
-    const uint32_t whole = job->rank <= EXPAND_RANK_MOST ? job->n_triple & ~3u : 0;
+    const uint32_t whole = job->rank <= EXPAND_RANK_MOST ? job->n_triple : 0;
     struct expand_job rest = *job;
     uint32_t t = 0;
     for (uint32_t n; t < whole; t += n) {
-        n = whole - t >= 8 ? 8 : 4;
+        n = whole - t >= 8 ? 8 : whole - t >= 4 ? 4 : 1;
         if (!expand_group(job, t, n)) break;
     }
     if (t == job->n_triple) return;

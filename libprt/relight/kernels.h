@@ -46,21 +46,24 @@ struct expand_job {
 // The integer expansion. Coefficients of one triple and channel are scaled so that their
 // absolute sum is at most EXPAND_SUM_MOST and each is at most EXPAND_COEF_MOST, then rounded to
 // 16 bits: no sum of products with U (at most PRT_U_MOST) leaves 32 bits. Triples go in groups
-// of eight, then four; the rest, and groups with a coefficient that is not finite, go in f32.
+// of eight, then four, then one by one, which gives them the same bits; from the first group
+// with a coefficient that is not finite on, they go in f32.
 enum {
     EXPAND_RANK_MOST = 256, // larger ranks go in f32
     EXPAND_SUM_MOST = INT32_MAX / PRT_U_MOST - EXPAND_RANK_MOST / 2 - 1,
     EXPAND_COEF_MOST = INT16_MAX,
 };
 
-// Up to LIGHT_GROUP lights as 16-bit integers, for rows of pairs. Coefficients are multiplied
+// Up to LIGHT_GROUP lights as 16-bit integers, for rows of pairs. Their contraction does not
+// depend on how many lights are beside them. Coefficients are multiplied
 // by the gains of pairs (prt_pair_gain) before they are rounded, so that all levels of a sun's
 // or a lamp's wavelet transform are of similar size.
 enum { LIGHT_INTEGER_MOST = INT16_MAX };
 struct integer_lights {
     uint32_t n;                       // of the cube, a power of two, at most 64
     float gain[64];                   // of a coefficient at (x, y) of its face: gain[x | y]
-    int16_t *lane;                    // [n_coef][4][2][4]: r g b 0 of lights l and 4 + l
+    int16_t *lane;                    // [n_coef][4][2][4]: r g b 0 of lights l and 4 + l;
+                                      // of one light alone [n_coef][4]
     float scale[LIGHT_GROUP][4];      // integer = float * gain * scale
     float back[LIGHT_GROUP][4];       // 1 / scale
     float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, not rounded
@@ -68,7 +71,7 @@ struct integer_lights {
 
 struct prt_kernels {
     const char *name;
-    bool integers; // expand computes four triples or more in 16-bit integers
+    bool integers; // expand computes in 16-bit integers
 
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]. Rows of
     // pairs take a light that was multiplied by their gains; so does diagonal_group.

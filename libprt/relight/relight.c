@@ -34,6 +34,7 @@ struct light_group {
     uint32_t n, n_coef; // of the cube
     unsigned n_light;
     const float *coef[LIGHT_GROUP];
+    float gain[64];             // of rows of pairs, as in struct integer_lights
     float *own;                 // the multiplied coefficients, [LIGHT_GROUP][n_coef][4]
     float most[LIGHT_GROUP][4]; // largest product, scaling coefficients left out
 };
@@ -63,8 +64,8 @@ static inline void gain_light(struct light_group *a, size_t l, float *out)
         for (uint32_t x = 0, y = i / n % n, stop; x < n; x = stop) {
             for (stop = 1; stop <= (x | y) && stop < n;) stop *= 2;
             const size_t at = 4 * (size_t)(i + x);
-            const lanes4 span = gain_span(a->coef[l] + at, stop - x, prt_pair_gain(n, i + x),
-                                          most, out ? out + at : NULL);
+            const lanes4 span = gain_span(a->coef[l] + at, stop - x, a->gain[x | y], most,
+                                          out ? out + at : NULL);
             if (x | y) most = span; // scaling coefficients stay in f32
         }
     memcpy(a->most[l], &most, sizeof most);
@@ -156,6 +157,26 @@ static int run_clusters(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+static bool takes_integers(const struct rows_job *job)
+{
+    return job->tensor->rows.value == PRT_VALUE_PAIR && job->kernels->pairs_group;
+}
+
+// Whether the next group, of n lights, is read from a table of floats, or would be if it were
+// not in integers.
+static bool takes_table(const struct rows_job *job, unsigned n)
+{
+    return n > 1 || job->together;
+}
+
+// Bytes of a coefficient in a table of the largest group; 0 where none is read.
+static size_t table_bytes(const struct rows_job *job, unsigned n_light)
+{
+    if (job->tensor->coupling == PRT_COUPLE_FULL) return 0;
+    if (n_light > (job->together ? 1 : 2)) return LIGHT_LANES * sizeof(float);
+    return takes_integers(job) ? 4 * sizeof(int16_t) : 0;
+}
+
 // Lays the group's lights out for its kernel: sets job->integers, job->table or job->light.
 static int prepare_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
                           struct light_group *group, float *table,
@@ -166,13 +187,14 @@ static int prepare_lights(const struct prt_context *ctx, const struct prt_tensor
     int status = PRT_OK;
     job->table = NULL;
     job->integers = NULL;
-    if (pairs && table && job->kernels->pairs_group) {
+    if (takes_integers(job)) {
         integers->lane = (int16_t *)table;
         status = prt_parallel_for(ctx, NULL, group->n_light, 1, find_most, group);
         if (!status && prt_integer_lights_init(integers, group->n_light, group->n, group->coef,
                                                (const float(*)[4])group->most))
             job->integers = fill.integers = integers;
     }
+    if (!takes_table(job, group->n_light) && !job->integers) table = NULL;
     if (pairs && !job->integers && !status) {
         if (!group->own)
             group->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)group->n_coef, 16);
@@ -196,9 +218,12 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
     struct light_group group = {.n = light[0]->n, .n_coef = tensor->rows.n_coef};
     struct integer_lights integers;
     int status = PRT_OK;
-    bool full = tensor->coupling == PRT_COUPLE_FULL;
-    if (!full && n_light > (job->together ? 1 : 2)) {
-        table = prt_alloc(tensor->rows.n_coef, LIGHT_LANES * sizeof *table);
+    const bool full = tensor->coupling == PRT_COUPLE_FULL;
+    for (uint32_t t = 0; t < 64 && tensor->rows.value == PRT_VALUE_PAIR; t++)
+        group.gain[t] = t < group.n ? prt_pair_gain(group.n, t) : 1;
+    const size_t bytes = table_bytes(job, n_light);
+    if (bytes) {
+        table = prt_alloc(tensor->rows.n_coef, bytes);
         if (!table)
             status = prt_fail(ctx, PRT_NOMEM, "no memory for a table of %u lights", n_light);
     }
@@ -208,8 +233,7 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
         job->out = out + l * job->light_pitch;
         group.n_light = n;
         for (unsigned k = 0; k < n; k++) group.coef[k] = light[l + k]->coef;
-        status = prepare_lights(ctx, tensor, &group, n > 1 || job->together ? table : NULL,
-                                &integers, job);
+        status = prepare_lights(ctx, tensor, &group, table, &integers, job);
         if (!status) status = prt_parallel_for(ctx, NULL, n_item, grain, fn, job);
     }
     prt_free(table);

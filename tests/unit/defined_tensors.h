@@ -234,17 +234,18 @@ static inline void add_column_step(struct defined *b, uint32_t rank)
         b[r].step += 0.5 / fmin(sum_most / sum, INT16_MAX / most);
 }
 
-/* Colours by their definition, and how far a kernel's may lie from them: KERNEL_TOLERANCE of
- * kernels.h, and the steps of 16-bit integers where n_light lights may be computed in these. */
+/* Colours by their definition, and how far those of a kernel for `cpu` may lie from them:
+ * KERNEL_TOLERANCE of kernels.h, and the steps of 16-bit integers where it computes in these.
+ */
 static inline void define(const struct prt_tensor *t, const struct prt_light *light,
-                          const float *coef, unsigned n_light, float *color, float *bound)
+                          const float *coef, unsigned cpu, float *color, float *bound)
 {
-    const bool rounds = prt_cpu_detect() & PRT_CPU_AVX512VNNI;
+    const bool rounds = prt_cpu_detect() & cpu & PRT_CPU_AVX512VNNI;
     const size_t plane = 3 * (size_t)t->n_vertex;
     const bool radial = t->storage == PRT_STORAGE_RADIAL;
     for (uint32_t i = 0; i < 3 * t->n_phase; i++) {
         const uint32_t k = i / 3, ch = i % 3;
-        const double step = rounds && n_light > 2 ? light_step(light, (int)ch) : 0;
+        const double step = rounds ? light_step(light, (int)ch) : 0;
         float *to = color + k * plane + ch, *most = bound + k * plane + ch;
         for (uint32_t p = 0; t->storage == PRT_STORAGE_SPARSE && p < t->n_vertex; p++) {
             const struct defined x = row_plane(t, p, k, (int)ch, light, NULL, 0);
@@ -260,7 +261,7 @@ static inline void define(const struct prt_tensor *t, const struct prt_light *li
                 b[r] = radial ? (struct defined){x, fabs(x), 0}
                               : row_plane(t, q->row_begin + r, k, (int)ch, light, coef, step);
             }
-            if (rounds && !radial && n_light * t->n_phase >= 4) add_column_step(b, rank);
+            if (rounds && !radial) add_column_step(b, rank);
             for (uint32_t v = 0; v < q->n_vertex; v++) {
                 struct defined x = {0};
                 for (uint32_t r = 0; r < rank; r++)

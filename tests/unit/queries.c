@@ -56,7 +56,7 @@ static void ask_many(struct prt_cube cube[MANY], struct prt_query q[MANY], bool 
 // How far an answer's values may lie from their definition: the bounds of all planes that it
 // sums. Spherical harmonics up to l = 3 and Fresnel transmittance are below 1.
 static void answer_bound(const struct prt_transport *t, const struct prt_cube *cube,
-                         unsigned n_light, float *bound)
+                         float *bound)
 {
     struct prt_light light;
     assert_int_equal(prt_light_from_cube(cube, &light), 0);
@@ -64,7 +64,7 @@ static void answer_bound(const struct prt_transport *t, const struct prt_cube *c
     for (uint32_t i = 0; i < t->n_tensor; i++) {
         const size_t n = 3ull * N * t->tensor[i].n_phase;
         float *color = malloc(4 * n), *one = malloc(4 * n);
-        define(&t->tensor[i], &light, NULL, n_light, color, one);
+        define(&t->tensor[i], &light, NULL, ~0u, color, one);
         for (size_t k = 0; k < n; k++) bound[k % (3 * N)] += one[k];
         free(color);
         free(one);
@@ -89,7 +89,7 @@ static void compare_many(const struct prt_transport *t)
         } else {
             assert_int_equal(prt_answer_colors(&ctx, t, &q[i], (float(*)[3])alone), 0);
         }
-        answer_bound(t, &cube[i], MANY, bound);
+        answer_bound(t, &cube[i], bound);
         for (unsigned k = 0; k < n_plane; k++)
             check_values("one of many", out[i] + k * 3 * N, alone + k * 3 * N, bound, 2, 3 * N);
         free(out[i]);
@@ -651,8 +651,8 @@ static void define_planes(struct free_transport *f, float *multiple, float *boun
     assert_int_equal(prt_light_from_cube(&f->cube, &light), 0);
     for (int k = 0; k < 2; k++)
         assert_int_equal(prt_radial_fit_material(f->radial[k], &f->m, coef[k], &error), 0);
-    define(&f->t.tensor[0], &light, coef[0], 1, multiple, bound);
-    define(&f->t.tensor[1], &light, coef[1], 1, own, own_bound);
+    define(&f->t.tensor[0], &light, coef[0], ~0u, multiple, bound);
+    define(&f->t.tensor[1], &light, coef[1], ~0u, own, own_bound);
     assert_int_equal(prt_relight(&f->ctx, &f->t.tensor[0], 1, lights, coef[0], false, multiple),
                      0);
     assert_int_equal(prt_relight(&f->ctx, &f->t.tensor[1], 1, lights, coef[1], false, own), 0);
