@@ -8,12 +8,12 @@
  * filled hold nothing of meaning and *out of a create function is NULL. PRT_NOMEM and, with a
  * progress callback, PRT_CANCELLED are possible everywhere and not repeated below.
  *
- * Accuracy. Results of one light agree with the definition to f32 rounding: each colour to 1e-5
- * of the sum of the absolute values of its terms. Where the machine has AVX-512 VNNI, rows of
- * pairs under three lights or more, and expansions of four planes or more, use 16-bit integers:
- * the colours of a bake then differ from those of one light alone by some 3e-5 RMS under a sky,
- * up to 8e-5 under lamps and suns, and by about 1e-4 of the largest; for rows of random signs,
- * whose sums cancel, by 2e-4 (prt-bench relight_file and relight_factored print both). */
+ * Accuracy. Results agree with the definition to f32 rounding: each colour to 1e-5 of the sum
+ * of the absolute values of its terms. Where ctx->cpu has AVX-512 VNNI, rows of pairs and
+ * expansions use 16-bit integers: the colours of a bake then differ from those in f32 by some
+ * 3e-5 RMS under a sky, up to 8e-5 under lamps and suns, and by about 1e-4 of the largest; for
+ * rows of random signs, whose sums cancel, by 2e-4 (prt-bench relight_file and relight_factored
+ * print both). In integers a light's colours do not depend on the lights beside it. */
 #ifndef PRT_RELIGHT_H
 #define PRT_RELIGHT_H
 
