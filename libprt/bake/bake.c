@@ -355,7 +355,8 @@ int prt_bake_irradiance(struct bake *b)
     const bool any_eta = prt_bake_eta_nodes(b, PRT_FAMILY_DIPOLE, &nodes);
     if (!b->horizon &&
         prt_irradiance_horizon_pays(b->directions, b->scene, b->surface->n_sample))
-        (void)prt_horizon_create(b->scene, &b->horizon); // without memory every ray is cast
+        (void)prt_horizon_create( // without memory every ray is cast
+            b->scene, prt_horizon_more(b->mesh->n_vertex, b->surface->n_sample), &b->horizon);
     struct irradiance_source from = {.scene = b->scene,
                                      .surface = b->surface,
                                      .hierarchy = b->hierarchy,

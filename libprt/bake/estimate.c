@@ -175,7 +175,9 @@ static double packed(const struct demand *d, enum prt_term term, double function
 
 static double horizon(const struct demand *d)
 {
-    return d->vertices * (8.0 * prt_horizon_words((uint32_t)d->vertices) + 1);
+    const double n =
+        d->vertices + prt_horizon_more((uint32_t)d->vertices, (uint32_t)d->samples);
+    return n * (8.0 * prt_horizon_words((uint32_t)n) + 25) + 34 * d->vertices;
 }
 
 // A thread's arrays of single scattering: cells of a cluster's vertices (cells.c), its rays.

@@ -246,7 +246,7 @@ static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view
     if (!p->from.horizon ||
         !prt_scene_intersect(p->from.scene, from, down, 0, 2 * eps, &t, &triangle, &u, &v))
         return false;
-    prt_horizon_view(p->from.horizon, triangle, view);
+    prt_horizon_view(p->from.horizon, triangle, u, v, view);
     return true;
 }
 

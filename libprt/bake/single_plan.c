@@ -24,7 +24,8 @@ void prt_single_plan_depths(struct single_plan *plan)
     plan->uncertain = 0.05f;
     plan->max_optical_depth = 6; // e^-6: 0.25 % of the light remains
     if (!plan->horizon)
-        (void)prt_horizon_create(plan->scene, &plan->horizon); // without it all rays are cast
+        (void)prt_horizon_create(plan->scene, 0,
+                                 &plan->horizon); // without it all rays are cast
     if (!plan->grid) plan->grid = prt_triangle_grid_create(plan->mesh);
     if (plan->extinction) { // any extinction may follow: nodes over every scale of the body
         plan->n_node = 6;

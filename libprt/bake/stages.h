@@ -359,21 +359,27 @@ enum {
     HORIZON_WORDS = 6 * HORIZON_WIDE * HORIZON_WIDE / 64,
 };
 struct horizon;
-/* Words of 8 bytes that hold the bins of one vertex: fewer for large meshes, whose bins are 2 x
- * 2 of these. */
-uint32_t prt_horizon_words(uint32_t n_vertex);
-int prt_horizon_create(const struct prt_scene *scene, struct horizon **out);
+/* Words of 8 bytes that hold the bins of one place: fewer where there are many, whose bins are
+ * 2 x 2 of these. */
+uint32_t prt_horizon_words(uint32_t n_place);
+/* Places are the mesh's vertices and at most most_more points of its larger triangles. */
+int prt_horizon_create(const struct prt_scene *scene, uint32_t most_more, struct horizon **out);
 void prt_horizon_destroy(struct horizon *horizon);
 /* Rays that leave a triangle into a bin: 1 all visible, -1 all blocked, 0 unknown (cast one).
- */
+ * Those of a divided triangle are unknown: by its parts single scattering of a cow erred by a
+ * tenth more. */
 int prt_horizon_bin(struct horizon *horizon, uint32_t triangle, uint32_t bin);
 /* Asks for the memory that prt_horizon_bin will read. */
 void prt_horizon_prefetch(const struct horizon *horizon, uint32_t triangle, uint32_t bin);
-/* Every bin of a triangle: bit b % 64 of word b / 64. A bin in neither set is unknown. */
+/* Every bin near (u, v) of a triangle: bit b % 64 of word b / 64. A bin in neither set is
+ * unknown. */
 struct horizon_view {
     uint64_t visible[HORIZON_WORDS], blocked[HORIZON_WORDS];
 };
-void prt_horizon_view(struct horizon *horizon, uint32_t triangle, struct horizon_view *view);
+void prt_horizon_view(struct horizon *horizon, uint32_t triangle, float u, float v,
+                      struct horizon_view *view);
+/* How many more places than vertices n_sample samples pay for, beside n_vertex. */
+uint32_t prt_horizon_more(uint32_t n_vertex, uint32_t n_sample);
 
 /* How single scattering of a model is traced and integrated. The caller fills the fields up to
  * work, prt_single_plan_depths the rest. */
