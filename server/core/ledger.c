@@ -5,7 +5,6 @@
 #include "core/options.h"
 
 #include <assert.h>
-#include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -70,6 +69,19 @@ uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource reso
     default:
         return 0;
     }
+}
+
+bool ledger_above_share(const struct ledger *ledger, enum ledger_resource resource,
+                        const char *name, const char *asker, uint64_t more)
+{
+    uint64_t n = 0, own = 0;
+    for (const struct principal *p = ledger->principal; p; p = p->next) {
+        bool asks = asker && !strcmp(p->name, asker);
+        uint64_t held = p->held[resource] + (asks ? more : 0);
+        n += held > 0;
+        if (!strcmp(p->name, name)) own = held;
+    }
+    return own > ledger_limit_all(ledger, resource) / (n ? n : 1);
 }
 
 const char *ledger_name(enum ledger_resource resource)

@@ -95,13 +95,33 @@ static void test_least_limit(void **state)
     ledger_destroy(ledger);
 }
 
+static void test_share(void **state)
+{
+    struct ledger *ledger = ledger_create(&options);
+    struct principal *a = ledger_principal(ledger, "uid:1"),
+                     *b = ledger_principal(ledger, "uid:2");
+    ledger_force(a, LEDGER_REQUESTS, 8); // of 15, which are its own as long as it is alone
+    assert_false(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:1", NULL, 0));
+    assert_true(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:1", "uid:2", 1));
+    assert_false(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:2", "uid:2", 7));
+    assert_true(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:2", "uid:2", 8));
+    ledger_force(b, LEDGER_REQUESTS, 7);
+    assert_true(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:1", NULL, 0));
+    assert_false(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:2", NULL, 0));
+    assert_false(ledger_above_share(ledger, LEDGER_REQUESTS, "uid:3", NULL, 0));
+    ledger_give(a, LEDGER_REQUESTS, 8);
+    ledger_give(b, LEDGER_REQUESTS, 7);
+    principal_release(a);
+    principal_release(b);
+    ledger_destroy(ledger);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_limits),
-        cmocka_unit_test(test_principals),
-        cmocka_unit_test(test_names),
-        cmocka_unit_test(test_least_limit),
+        cmocka_unit_test(test_limits), cmocka_unit_test(test_principals),
+        cmocka_unit_test(test_names),  cmocka_unit_test(test_least_limit),
+        cmocka_unit_test(test_share),
     };
     return cmocka_run_group_tests_name("ledger", tests, NULL, NULL);
 }
