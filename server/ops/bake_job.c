@@ -245,7 +245,7 @@ static void measure_done(struct file_task *task)
         job_set_vertices(b->model->job, b->model->facts.n_vertex);
     uint64_t before = b->charged;
     charge_folder(b, b->measured);
-    if (b->charged > before) evict_for_room(b->server, NULL);
+    if (b->charged > before) evict_for_room(b->server, NULL, NULL);
     measure_later(b);
 }
 

@@ -255,7 +255,8 @@ static struct model *add_model(struct load *load, const char *id, char error[256
     struct principal *p = load->request->conn->principal;
     enum ledger_refusal refusal = ledger_take(p, LEDGER_MODELS, 1, error);
     // An old preview makes room for a new one.
-    if (refusal && evict_preview(load->server, refusal == LEDGER_CLIENT_FULL ? p->name : NULL))
+    if (refusal &&
+        evict_preview(load->server, refusal == LEDGER_CLIENT_FULL ? p->name : NULL, p->name))
         refusal = ledger_take(p, LEDGER_MODELS, 1, error);
     if (refusal) return NULL;
     snprintf(error, 256, "not enough memory");
@@ -293,7 +294,7 @@ static bool rooms_fill_disk(const struct load *load, const struct model *m, char
     if (m && (m->copy || m->state == RELIGHT__MODEL_STATE__MODEL_READY ||
               m->state == RELIGHT__MODEL_STATE__MODEL_BAKING))
         return false;
-    evict_for_room(server, m);
+    evict_for_room(server, m, NULL);
     return evict_over(server, load->owner, error) && evict_held(server, NULL);
 }
 

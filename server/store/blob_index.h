@@ -77,9 +77,13 @@ int blob_adopt(struct blobs *blobs, const char *hash, uint64_t size);
 /* Remembers a principal's name for it; `write`: on disk, too. */
 void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal,
                    const char *name, bool write);
-/* Removes the blob that was unused longest, of this owner (NULL: of any), unless it was used in
- * the last keep_s or a room needs it. False when there is none. */
+/* Removes the blob that was unused longest, of this owner, unless it was used in the last
+ * keep_s or a room needs it. False when there is none. */
 bool blob_evict(struct blobs *blobs, const char *owner);
+/* The same for so many bytes that the asker wants: a blob of those who hold more than their
+ * share of the disk, or of nobody; if there is none, any, unless the asker would hold more than
+ * its share. */
+bool blob_evict_for(struct blobs *blobs, const char *asker, uint64_t more);
 /* Takes a file of the store its name at once; a worker removes it. */
 void blob_discard(struct blobs *blobs, const char *name);
 uint64_t blob_clock_ns(void); /* wall clock */

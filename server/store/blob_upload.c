@@ -186,7 +186,9 @@ static bool take(struct blobs *blobs, struct principal *principal,
         if (never_fits(principal, resource, amount)) return false;
         struct principal *whose = refusal == LEDGER_CLIENT_FULL ? principal : NULL;
         if (drop_idle(blobs, whose)) continue;
-        if (resource == LEDGER_DISK && blob_evict(blobs, whose ? whose->name : NULL)) continue;
+        if (resource == LEDGER_DISK && (whose ? blob_evict(blobs, whose->name)
+                                              : blob_evict_for(blobs, principal->name, amount)))
+            continue;
         put->no_room = resource == LEDGER_DISK;
         return false;
     }

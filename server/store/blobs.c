@@ -225,20 +225,45 @@ uint64_t blobs_held(const struct blobs *blobs, const char *owner)
     return bytes;
 }
 
-bool blob_evict(struct blobs *blobs, const char *owner)
+// The longest unused of a list, if it may go.
+static struct blob *oldest(const struct blobs *blobs, const struct blob_lru *lru, int list)
 {
-    struct blob_owner *o = blobs->owners;
-    while (owner && o && strcmp(o->name, owner)) o = o->next;
-    if (owner && !o) return false;
-    int list = owner ? LRU_OWNER : LRU_ALL;
-    struct blob *b = owner ? o->lru.oldest : blobs->lru.oldest;
+    struct blob *b = lru->oldest;
     while (b && (b->checking || is_held(blobs, b))) b = b->link[list].newer;
-    uint64_t now = blob_clock_ns();
-    if (!b || b->used_ns + (uint64_t)(blobs->setup.keep_s * 1e9) > now) return false;
+    uint64_t keep_ns = (uint64_t)(blobs->setup.keep_s * 1e9);
+    return b && b->used_ns + keep_ns <= blob_clock_ns() ? b : NULL;
+}
+
+static bool drop_blob(struct blobs *blobs, struct blob *b)
+{
+    if (!b) return false;
     log_line(LOG_EVENT, "blob hash=%.12s owner=\"%s\" dropped for room", b->hash,
              b->owner->name);
     blob_remove(blobs, b);
     return true;
+}
+
+bool blob_evict(struct blobs *blobs, const char *owner)
+{
+    struct blob_owner *o = blobs->owners;
+    while (o && strcmp(o->name, owner)) o = o->next;
+    return o && drop_blob(blobs, oldest(blobs, &o->lru, LRU_OWNER));
+}
+
+bool blob_evict_for(struct blobs *blobs, const char *asker, uint64_t more)
+{
+    const struct ledger *ledger = blobs->setup.ledger;
+    struct blob *found = NULL;
+    for (struct blob_owner *o = blobs->owners; o; o = o->next) {
+        if (strcmp(o->name, DISK_NOBODY) &&
+            !ledger_above_share(ledger, LEDGER_DISK, o->name, asker, more))
+            continue;
+        struct blob *b = oldest(blobs, &o->lru, LRU_OWNER);
+        if (b && (!found || b->used_ns < found->used_ns)) found = b;
+    }
+    if (!found && !ledger_above_share(ledger, LEDGER_DISK, asker, asker, more))
+        found = oldest(blobs, &blobs->lru, LRU_ALL);
+    return drop_blob(blobs, found);
 }
 
 bool blobs_has(const struct blobs *blobs, const char *hash)

@@ -20,6 +20,16 @@ struct victim {
     int64_t used_ns;
 };
 
+// What room is wanted for, and whose files may go.
+struct wish {
+    enum ledger_resource resource; // of which shares are counted
+    const char *owner;             // only files of this one; NULL: of all
+    const char *asker;             // who can be refused, or NULL
+    uint64_t more;                 // that it wants, and does not hold yet
+    const struct model *newest;    // stays; may be NULL
+    bool busy;                     // files that somebody reads, too
+};
+
 uint64_t bakes_bytes(const struct server *server)
 {
     uint64_t bytes = 0;
@@ -27,13 +37,9 @@ uint64_t bakes_bytes(const struct server *server)
     return bytes;
 }
 
-// The disk in equal parts for all principals with files on it.
-static uint64_t share(const struct server *server)
+static bool above_share(const struct server *server, const struct wish *w, const char *name)
 {
-    uint64_t n = 0;
-    for (const struct principal *p = ledger_first(server->ledger); p; p = p->next)
-        n += p->held[LEDGER_DISK] > 0;
-    return server->options.disk / (n ? n : 1);
+    return ledger_above_share(server->ledger, w->resource, name, w->asker, w->more);
 }
 
 // Of two that may go the first: of a principal above its share, closed, longest unused.
@@ -98,29 +104,35 @@ static bool is_open(const struct model *m)
            state == RELIGHT__MODEL_STATE__MODEL_PREVIEW;
 }
 
-static bool find(const struct server *server, enum kind kind, const char *owner, bool busy,
-                 const struct model *newest, struct victim *best)
+// `greedy`: the asker is above its share.
+static bool may_give(const struct server *server, const struct wish *w, const char *owner,
+                     bool greedy, struct victim *v)
+{
+    v->over = above_share(server, w, owner);
+    if (w->owner) return !strcmp(w->owner, owner);
+    return !greedy || v->over || !strcmp(owner, DISK_NOBODY);
+}
+
+static bool find(const struct server *server, enum kind kind, const struct wish *w,
+                 struct victim *best)
 {
     bool found = false;
-    uint64_t most = share(server);
-    if (kind == IMPORT) {
-        struct import_copy *c = NULL;
-        while ((c = imports_next(server->imports, c))) {
-            struct victim v = {.copy = c, .used_ns = c->used_ns};
-            if (!c->present || c->users || (owner && strcmp(c->owner, owner)) ||
-                copy_is_held(server, c))
-                continue;
-            if (!found || goes_before(&v, best)) *best = v;
-            found = true;
-        }
-        return found;
-    }
-    for (struct model *m = NULL; (m = models_next(server->models, m));) {
-        if (m == newest || !may_go(m, kind, busy) || (owner && strcmp(m->owner, owner)))
+    // Whoever wants more than its share gets it from those above theirs.
+    bool greedy = w->asker && strcmp(w->asker, DISK_NOBODY) && above_share(server, w, w->asker);
+    struct import_copy *c = NULL;
+    while (kind == IMPORT && (c = imports_next(server->imports, c))) {
+        struct victim v = {.copy = c, .used_ns = c->used_ns};
+        if (!c->present || c->users || copy_is_held(server, c) ||
+            !may_give(server, w, c->owner, greedy, &v))
             continue;
+        if (!found || goes_before(&v, best)) *best = v;
+        found = true;
+    }
+    for (struct model *m = NULL; kind != IMPORT && (m = models_next(server->models, m));) {
         struct victim v = {.model = m, .used_ns = m->used_ns, .open = is_open(m)};
-        uint64_t own = disk_limit_of(server->ledger, m->owner);
-        v.over = disk_bytes_of(server->ledger, m->owner) > (own && own < most ? own : most);
+        if (m == w->newest || !may_go(m, kind, w->busy) ||
+            !may_give(server, w, m->owner, greedy, &v))
+            continue;
         if (!found || goes_before(&v, best)) *best = v;
         found = true;
     }
@@ -140,24 +152,25 @@ static void evict(struct server *server, enum kind kind, const struct victim *v)
     model_evict(v->model); // requests in progress keep the open file until they end
 }
 
-// owner NULL: anybody's.
-static bool evict_one(struct server *server, enum kind first, const char *owner,
-                      const struct model *newest)
+static bool evict_one(struct server *server, enum kind first, struct wish w)
 {
     struct victim v = {0};
-    for (int busy = 0; busy < 2; busy++)
+    for (int busy = 0; busy < 2; busy++) {
+        w.busy = busy;
         for (enum kind kind = first; kind < N_KIND; kind++)
-            if (find(server, kind, owner, busy, newest, &v)) {
+            if (find(server, kind, &w, &v)) {
                 evict(server, kind, &v);
                 return true;
             }
+    }
     return false; // all that remains is pinned or foreign
 }
 
-bool evict_preview(struct server *server, const char *owner)
+bool evict_preview(struct server *server, const char *owner, const char *asker)
 {
     struct victim v = {0};
-    if (!find(server, PREVIEW, owner, false, NULL, &v)) return false;
+    struct wish w = {.resource = LEDGER_MODELS, .owner = owner, .asker = asker, .more = 1};
+    if (!find(server, PREVIEW, &w, &v)) return false;
     evict(server, PREVIEW, &v);
     return true;
 }
@@ -169,20 +182,21 @@ static bool evict_of_principal(struct server *server, const struct model *newest
         uint64_t most = ledger_limit_client(p, LEDGER_DISK);
         if (!most || p->held[LEDGER_DISK] <= most || !strcmp(p->name, DISK_NOBODY)) continue;
         snprintf(name, sizeof name, "%s", p->name); // freed with its last charge
-        if (evict_one(server, PREVIEW, name, newest)) return true;
+        struct wish w = {.resource = LEDGER_DISK, .owner = name, .newest = newest};
+        if (evict_one(server, PREVIEW, w)) return true;
     }
     return false;
 }
 
-void evict_for_room(struct server *server, const struct model *newest)
+void evict_for_room(struct server *server, const struct model *newest, const char *asker)
 {
     const struct options *o = &server->options;
+    struct wish w = {.resource = LEDGER_DISK, .asker = asker, .newest = newest};
+    struct wish bake = {.resource = LEDGER_DISK, .newest = newest};
     for (;;) {
         if (evict_of_principal(server, newest)) continue;
-        if (disk_bytes(server->ledger) > o->disk && evict_one(server, PREVIEW, NULL, newest))
-            continue;
-        if (bakes_bytes(server) > o->bakes_disk && evict_one(server, BAKE, NULL, newest))
-            continue;
+        if (disk_bytes(server->ledger) > o->disk && evict_one(server, PREVIEW, w)) continue;
+        if (bakes_bytes(server) > o->bakes_disk && evict_one(server, BAKE, bake)) continue;
         return;
     }
 }
@@ -193,11 +207,12 @@ void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
     uint64_t most = disk_limit_of(server->ledger, owner),
              more = disk_size(bytes) + disk_size(1);     // and the owner's record
     if (more > o->disk || (most && more > most)) return; // refused whatever is evicted
+    struct wish all = {.resource = LEDGER_DISK, .asker = owner, .more = more}, own = all;
+    own.owner = owner;
     while (most && disk_bytes_of(server->ledger, owner) + more > most)
-        if (!evict_one(server, PREVIEW, owner, NULL))
-            return; // refused: other principals keep theirs
+        if (!evict_one(server, PREVIEW, own)) return; // refused: other principals keep theirs
     while (disk_bytes(server->ledger) + more > o->disk)
-        if (!evict_one(server, PREVIEW, NULL, NULL)) break;
+        if (!evict_one(server, PREVIEW, all)) break;
 }
 
 bool evict_over(const struct server *server, const char *owner, char error[256])

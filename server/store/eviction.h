@@ -3,7 +3,9 @@
  * --disk of all, --client-disk of one principal, --bakes-disk of bakes. Previews go first, then
  * copies of --models, then bakes; all of them can be made again. Among previews and among bakes
  * those of a principal that holds more than its share go before others, and of these the
- * longest unused. Loop thread only. */
+ * longest unused. A principal that asks for more than its share gets room from those above
+ * theirs alone, itself among them, or from nobody's files: else it is refused, and whoever
+ * keeps within its share loses nothing to it. Loop thread only. */
 #ifndef RELIGHTD_EVICTION_H
 #define RELIGHTD_EVICTION_H
 
@@ -15,12 +17,15 @@ struct model;
 
 uint64_t bakes_bytes(const struct server *server);
 /* Removes files until the budgets are kept. Kept are pinned models, what rooms need, files that
- * somebody reads (unless nothing else is left), and those of `newest` (may be NULL). */
-void evict_for_room(struct server *server, const struct model *newest);
+ * somebody reads (unless nothing else is left), and those of `newest` (may be NULL). `asker`:
+ * who is refused if too much stays, and gets no more than its share from others; NULL for what
+ * may take any, such as a bake that is ready or a room's event. */
+void evict_for_room(struct server *server, const struct model *newest, const char *asker);
 /* The same before an upload of so many bytes. */
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
-/* Forgets the preview that is longest unused, of this owner or (NULL) of all; false: none. */
-bool evict_preview(struct server *server, const char *owner);
+/* Forgets a preview so that the asker may have one more model: of this owner or (NULL) of all;
+ * shares are those of --max-models. False: none. */
+bool evict_preview(struct server *server, const char *owner, const char *asker);
 /* Bytes of files that stay because rooms need them (holds.h), of this owner or (NULL) of all.
  */
 uint64_t evict_held(const struct server *server, const char *owner);

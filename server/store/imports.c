@@ -442,7 +442,7 @@ static void copying_done(struct file_task *task)
     if (copy) {
         import_use(copy);
         take_in(c, copy);
-        evict_for_room(imports->server, NULL);
+        evict_for_room(imports->server, NULL, copy->owner);
         if (evict_over(imports->server, copy->owner, error))
             code = RELIGHT__ERROR_CODE__ERROR_LIMIT;
         tell(c, code ? NULL : copy, code, error);

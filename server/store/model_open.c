@@ -323,10 +323,10 @@ static bool charge(struct opening *o)
     if (m->gone || m->copy) return true;
     if (!o->preview && !m->bake_bytes) {
         model_charge_bake(m, prt_file_bytes(o->file));
-        evict_for_room(m->server, m);
+        evict_for_room(m->server, m, NULL);
     } else if (o->preview && !m->preview_bytes) {
         model_charge_preview(m, prt_file_bytes(o->file));
-        evict_for_room(m->server, m);
+        evict_for_room(m->server, m, m->owner);
         if (!evict_over(m->server, m->owner, error)) return true;
         model_charge_preview(m, 0);
         m->mesh = MESH_FAILED;

@@ -712,6 +712,57 @@ static void test_share_of_a_principal(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// The one who holds more than its share gives way, though what the other has is older.
+static void test_greedy_gives_way(void **state)
+{
+    static const char *const extra[] = {"--disk", "64k", NULL};
+    struct relight_error error;
+    struct relight_model info;
+    char first[ID_SIZE], second[ID_SIZE], id[ID_SIZE];
+    struct relight_list list;
+    daemon_start(&d, extra);
+    struct relight_client *greedy = client_open(d.address), *modest = open_tcp();
+    OK(load_preview(modest, "first", 8, first, &error));
+    for (int i = 0; i < 20; i++) OK(load_preview(greedy, NULL, 10 + (float)i, id, &error));
+    OK(load_preview(modest, "second", 9, second, &error));
+    OK(relight_list(modest, false, &list, &error));
+    assert_true(list.n_model < 20); // some had to go
+    relight_list_finish(&list);
+    OK(relight_info(modest, first, &info, &error));
+    relight_model_finish(&info);
+    OK(relight_info(modest, second, &info, &error));
+    relight_model_finish(&info);
+    relight_close(greedy);
+    relight_close(modest);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// Uploads that are new stay for a while: one who fills the disk with them is refused, and the
+// other, who keeps within its share, loses nothing.
+static void test_greedy_uploads_are_refused(void **state)
+{
+    static const char *const extra[] = {"--disk", "64k", NULL};
+    struct relight_error error;
+    struct relight_model info;
+    char id[ID_SIZE], hash[65], text[20];
+    int n = 0, status = 0;
+    daemon_start(&d, extra);
+    struct relight_client *greedy = client_open(d.address), *modest = open_tcp();
+    OK(load_preview(modest, "theirs", 9, id, &error));
+    for (; !status && n < 20; n++) {
+        snprintf(text, sizeof text, "bytes %d", n);
+        status =
+            relight_upload(greedy, "b", text, strlen(text), NULL, NULL, hash, NULL, &error);
+    }
+    expect(status, RELIGHT_E_LIMIT, &error, "--disk");
+    assert_true(n > 4); // it got its share, half of the disk, and more
+    OK(relight_info(modest, id, &info, &error));
+    relight_model_finish(&info);
+    relight_close(greedy);
+    relight_close(modest);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // Room for two of three bakes: the longest unused goes, the others stay.
 static void test_longest_unused_bake_goes(void **state)
 {
@@ -790,6 +841,8 @@ int main(void)
         TEST(test_bakes_of_one_client),
         TEST(test_previews_leave_room),
         TEST(test_share_of_a_principal),
+        TEST(test_greedy_gives_way),
+        TEST(test_greedy_uploads_are_refused),
         TEST(test_longest_unused_bake_goes),
         TEST(test_open_bake_stays),
     };

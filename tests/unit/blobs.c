@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -518,16 +519,44 @@ static void test_eviction(void **state)
     assert_true(blobs_has(s.blobs, other));
     put_whole(&s, "eve", 'E', 12288, last);
     assert_true(blobs_has(s.blobs, other));
-    put_whole(&s, "eve", 'F', 12288, last); // now --disk is spent
-    assert_false(blobs_has(s.blobs, other));
+    put_whole(&s, "eve", 'F', 12288, last); // now --disk is spent, most of it by ann
+    assert_false(blobs_has(s.blobs, hash[2]));
+    assert_true(blobs_has(s.blobs, other));
     assert_int_equal(disk_bytes(s.ledger), (N + 2) * 16384);
     turn_until_idle(&s);
     assert_int_equal(n_files("trash"), 0);
     assert_int_equal(n_files(""), 2 + 2 * (N + 2)); // ".", "..", blobs and their owners
     s.setup.keep_s = 600;                           // nothing that was used so recently
     reopen_store(&s);
-    struct sent sent = put(&s, "eve", other, 12288, 0, ".", 1);
+    struct sent sent = put(&s, "eve", hash[2], 12288, 0, ".", 1);
     assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    close_store(&s);
+}
+
+// What bob left days ago stays while ann, who holds most of the disk, wants more; carl, who has
+// nothing yet, gets it, as what ann holds was used just now.
+static void test_eviction_within_shares(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char old[65], hash[65], path[4096];
+    struct timespec days_ago[2] = {{.tv_sec = 1000000}, {.tv_sec = 1000000}};
+    s.setup.keep_s = 600;
+    s.options.disk = 6 * 16384;
+    reopen_store(&s);
+    put_whole(&s, "bob", 'o', 12288, old);
+    for (int i = 0; i < 5; i++) put_whole(&s, "ann", (char)('a' + i), 12288, hash);
+    blobs_path(s.blobs, old, path, sizeof path);
+    close_store(&s);
+    assert_int_equal(utimensat(AT_FDCWD, path, days_ago, 0), 0);
+    open_store(&s);
+    memset(hash, 'f', 64);
+    struct sent sent = put(&s, "ann", hash, 12288, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_true(blobs_has(s.blobs, old));
+    sent = put(&s, "carl", hash, 12288, 0, ".", 1);
+    assert_int_equal(sent.put.code, 0);
+    assert_false(blobs_has(s.blobs, old));
     close_store(&s);
 }
 
@@ -651,6 +680,7 @@ int main(void)
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
         cmocka_unit_test(test_names_and_owners),
         cmocka_unit_test(test_eviction),
+        cmocka_unit_test(test_eviction_within_shares),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
         cmocka_unit_test(test_puts_are_freed_when_done),
