@@ -126,7 +126,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "are kept for reuse")                                                                     \
     X(BYTES, disk, "disk", "BYTES", "64G",                                                      \
       "Disk space for all uploads and bakes under --data. What review rooms need is not "       \
-      "removed to make room")                                                                   \
+      "removed to make room. An upload that puts its principal above an equal share "           \
+      "removes no other's files that are within theirs")                                        \
     X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                          \
       "Disk space for bakes under --data; beyond it the least recently used bake that "         \
       "is not pinned is deleted, and baked again when its model is loaded")                     \
