@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Opens a .prt: maps the file and fills a transport with pointers into the map.
 #include "format.h"
+#include "pages.h"
 #include "prt/eta_nodes.h"
 
 #include <errno.h>
@@ -18,7 +19,7 @@ struct prt_file {
     const char *name;              // while opening only
     const char *bytes;
     uint64_t size;
-    bool mapped;
+    enum { LENT, MAP, PAGES } from; // what closing does with the bytes
     const struct format_section *section;
     uint32_t n_section, n_taken;
     struct prt_transport transport;
@@ -458,16 +459,6 @@ static int open_regular(const struct prt_context *ctx, const char *path, int *ou
     return PRT_OK;
 }
 
-// Opens the map, which the file owns from here on.
-static int open_map(const struct prt_context *ctx, const char *path, void *map, size_t size,
-                    enum prt_file_check check, struct prt_file **out)
-{
-    int status = prt_file_open_memory(ctx, path, map, size, check, out);
-    if (status) munmap(map, size);
-    else (*out)->mapped = true;
-    return status;
-}
-
 int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file_check check,
                   struct prt_file **out)
 {
@@ -480,24 +471,13 @@ int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file
     close(fd);
     if (map == MAP_FAILED) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(error));
     (void)madvise(map, size, MADV_WILLNEED);
-    return open_map(ctx, path, map, size, check, out);
+    status = prt_file_open_memory(ctx, path, map, size, check, out);
+    if (status) munmap(map, size);
+    else (*out)->from = MAP;
+    return status;
 }
 
-enum { HUGE_PAGE = 2 << 20, READ_PIECE = 2 << 20 };
-
-// Pages of its own that begin where a huge page does; NULL without memory.
-static char *map_huge(size_t size)
-{
-    const size_t page = (size_t)sysconf(_SC_PAGESIZE), used = (size + page - 1) / page * page;
-    char *map = mmap(NULL, used + HUGE_PAGE, PROT_READ | PROT_WRITE,
-                     MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (map == MAP_FAILED) return NULL;
-    const size_t before = (HUGE_PAGE - (uintptr_t)map % HUGE_PAGE) % HUGE_PAGE;
-    if (before) munmap(map, before);
-    if (before < HUGE_PAGE) munmap(map + before + used, HUGE_PAGE - before);
-    (void)madvise(map + before, used, MADV_HUGEPAGE); // its failure changes speed only
-    return map + before;
-}
+enum { READ_PIECE = 2 << 20 };
 
 struct reading {
     const struct prt_context *ctx;
@@ -527,12 +507,13 @@ int prt_file_read(const struct prt_context *ctx, const char *path, enum prt_file
     size_t size = 0;
     int status = open_regular(ctx, path, &r.fd, &size);
     if (status) return status;
-    r.to = map_huge(size);
+    r.to = prt_pages_take(size);
     status = r.to ? prt_parallel_for(ctx, NULL, size, READ_PIECE, read_piece, &r)
                   : prt_fail(ctx, PRT_NOMEM, "%s: no memory to read it", path);
     close(r.fd);
-    if (!status) return open_map(ctx, path, r.to, size, check, out);
-    if (r.to) munmap(r.to, size);
+    if (!status) status = prt_file_open_memory(ctx, path, r.to, size, check, out);
+    if (status) prt_pages_give(r.to, size);
+    else (*out)->from = PAGES;
     return status;
 }
 
@@ -554,7 +535,9 @@ uint64_t prt_file_hash(const struct prt_file *file)
 void prt_file_close(struct prt_file *file)
 {
     if (!file) return;
-    if (file->mapped) munmap((void *)(uintptr_t)file->bytes, file->size);
+    char *bytes = (char *)(uintptr_t)file->bytes;
+    if (file->from == MAP) munmap(bytes, file->size);
+    if (file->from == PAGES) prt_pages_give(bytes, file->size);
     prt_free(file->medium);
     prt_free(file);
 }

@@ -128,6 +128,7 @@ static void on_signal(void *user, int signal_number)
 static void run_maintenance(struct loop_timer *timer)
 {
     blobs_maintain(server.blobs);
+    models_keep_pages(&server);
     if (server.models) evict_for_room(&server, NULL, NULL);
     if (server.rooms) rooms_maintain(server.rooms);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);

@@ -120,7 +120,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(BYTES, memory, "memory", "BYTES", "8G",                                                   \
       "Memory for open baked transport, in use and pinned models included; beyond it the "      \
       "least recently used model is unloaded, and others wait for one in use. A model above "   \
-      "it is open alone")                                                                       \
+      "it is open alone. Pages of unloaded ones, at most a quarter of it and 64M, are kept "    \
+      "for the next up to a minute longer")                                                     \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                     \
       "Memory for decoded environments, lights, visibility buffers and colours that "           \
       "are kept for reuse")                                                                     \

@@ -467,6 +467,12 @@ void models_replaced(struct models *models, struct import_copy *copy, const char
     if (m) m->removed = true;
 }
 
+void models_keep_pages(const struct server *server)
+{
+    const uint64_t most = 64 << 20, quarter = server->options.memory / 4;
+    prt_file_keep_pages((size_t)(quarter < most ? quarter : most));
+}
+
 int models_create(struct server *server, struct models **out)
 {
     struct models *models = calloc(1, sizeof *models);
@@ -474,6 +480,7 @@ int models_create(struct server *server, struct models **out)
     models->server = server;
     server->models = models;
     *out = models;
+    models_keep_pages(server);
     int status = file_queue_create(server->work, &server->file_queue);
     if (!status) status = versions_create(models, &server->versions);
     if (!status) status = imports_create(server, &server->imports);

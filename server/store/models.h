@@ -125,6 +125,8 @@ int models_follow_folder(struct server *server);
 void models_unfollow_folder(struct server *server);
 /* Looks at --models for the first time, and opens the models that are pinned. */
 void models_start(struct models *models);
+/* Frees the pages of unloaded bakes, and keeps those of the next minute. */
+void models_keep_pages(const struct server *server);
 void models_destroy(struct models *models);
 
 /* An id, the unique beginning of one (at least 8 digits), or a name with or without its ending.

@@ -14,6 +14,7 @@
 #include <xxhash.h>
 
 #include "format.h"
+#include "pages.h"
 #include "prt/radial.h"
 #include "synthetic.h"
 
@@ -631,6 +632,70 @@ static void what_was_read_outlives_its_file(void **state)
     prt_free(blob.bytes);
 }
 
+// Pages of `size` bytes, all 1, that were given back.
+static char *given(size_t size)
+{
+    char *pages = prt_pages_take(size);
+    assert_non_null(pages);
+    memset(pages, 1, size);
+    prt_pages_give(pages, size);
+    return pages;
+}
+
+// Fresh pages are 0, those that were used are not.
+static void pages_of_closed_files_are_used_again(void **state)
+{
+    enum { MIB = 1 << 20, N = 12 };
+    char *small[N], *all[N];
+    prt_file_keep_pages(8 * MIB);
+    char *first = given(3 * MIB), *pages = prt_pages_take(2 * MIB + 1);
+    assert_ptr_equal(pages, first);
+    for (size_t i = 0; i <= 2 * MIB; i++) assert_int_equal(pages[i], 1);
+    prt_pages_give(pages, 2 * MIB + 1);
+    pages = prt_pages_take(3 * MIB); // what was kept is too small by now
+    assert_int_equal(pages[0], 0);
+    prt_pages_give(pages, 3 * MIB);
+    given(9 * MIB); // above the limit
+    pages = prt_pages_take(9 * MIB);
+    assert_int_equal(pages[0], 0);
+    prt_pages_give(pages, 9 * MIB);
+    for (int i = 0; i < N; i++) memset(all[i] = prt_pages_take(4096), 2 + i, 4096);
+    for (int i = 0; i < N; i++) prt_pages_give(all[i], 4096);
+    for (int i = 0; i < N; i++) { // the latest eight, each once
+        small[i] = prt_pages_take(4096);
+        assert_non_null(small[i]);
+        assert_true(i >= 8 || small[i][4095] >= 2 + N - 8);
+        for (int k = 0; k < i; k++) assert_ptr_not_equal(small[i], small[k]);
+    }
+    for (int i = 0; i < N; i++) prt_pages_give(small[i], 4096);
+    prt_file_keep_pages(0);
+    given(MIB);
+    pages = prt_pages_take(MIB);
+    assert_int_equal(pages[0], 0);
+    prt_pages_give(pages, MIB);
+}
+
+// A file that takes the pages of another is read as from fresh ones.
+static void nothing_of_the_last_file_is_left(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_blob blob = written();
+    struct prt_file *file;
+    prt_file_keep_pages(8 << 20);
+    for (int turn = 0; turn < 2; turn++) {
+        given(blob.size + 5000);
+        assert_int_equal(prt_file_read(&ctx, path, PRT_FILE_CHECK_ALL, &file), 0);
+        struct prt_transport t;
+        make(&t);
+        same(t.mesh.position, prt_file_transport(file)->mesh.position, 101 * 12);
+        unmake(&t);
+        prt_file_close(file);
+    }
+    prt_file_keep_pages(0);
+    unlink(path);
+    prt_free(blob.bytes);
+}
+
 static void failed_writes_leave_nothing(void **state)
 {
     struct prt_context ctx = quiet();
@@ -800,6 +865,8 @@ int main(void)
         cmocka_unit_test(large_counts_are_refused),
         cmocka_unit_test(foreign_files_are_refused),
         cmocka_unit_test(what_was_read_outlives_its_file),
+        cmocka_unit_test(pages_of_closed_files_are_used_again),
+        cmocka_unit_test(nothing_of_the_last_file_is_left),
         cmocka_unit_test(failed_writes_leave_nothing),
         cmocka_unit_test(pairs_keep_their_rows),
         cmocka_unit_test(broken_pairs_are_refused),

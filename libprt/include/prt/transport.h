@@ -204,6 +204,10 @@ uint64_t prt_file_bytes(const struct prt_file *file);
 /* A hash of the file's whole content: of its header and the checksums of its sections. */
 uint64_t prt_file_hash(const struct prt_file *file);
 void prt_file_close(struct prt_file *file); /* NULL: nothing */
+/* Keeps pages of closed files, at most so many bytes in all, for those that
+ * prt_file_read reads next: the system has to clear fresh ones. Frees those that are kept now.
+ * 0, the default: none. A setting of the process. */
+void prt_file_keep_pages(size_t most);
 /* Whether the file begins with a .prt's magic number; reads 8 bytes and logs nothing. */
 bool prt_file_probe(const char *path);
 /* The version in the file's header; 0: it is no .prt. */
