@@ -38,7 +38,7 @@ struct horizon {
 };
 
 // Triangles longer than this share of the box may hide something between their corners. Chosen,
-// not measured. They are divided; parts of half that length spare 3 % of the rays more.
+// not measured. They are divided.
 static const double widest = 0.02;
 
 static void init_bins(struct bins *bins, unsigned wide)
@@ -73,11 +73,13 @@ uint32_t prt_horizon_words(uint32_t n_place)
     return n_place > most_fine_places ? COARSE_PAIRS : FINE_PAIRS;
 }
 
-// A place casts some 1800 rays and a sample as many as it has texels, 6144, where no horizon
-// tells it: so many places take at most some percent of the rays that they spare.
+// A place casts some 1800 rays. A sample without a horizon casts up to 24,576, four a texel: so
+// many places take a few percent of the rays that they spare. Beyond most_fine_places all bins
+// would be coarse.
 uint32_t prt_horizon_more(uint32_t n_vertex, uint32_t n_sample)
 {
-    const uint32_t most = n_sample / 4;
+    const uint32_t paid = n_sample / 4,
+                   most = paid < most_fine_places ? paid : most_fine_places;
     return n_vertex >= most ? 0 : most - n_vertex;
 }
 

@@ -22,7 +22,7 @@ static double longest_edge(const struct prt_mesh *mesh, uint32_t triangle)
     return sqrt(most);
 }
 
-// The level that leaves parts of at most `fine`.
+// The least level whose parts have no edge above `fine`, or MOST_LEVEL.
 static unsigned level_for(double edge, double fine)
 {
     unsigned level = 0;

@@ -19,8 +19,8 @@ struct horizon_places {
     float (*normal)[3];
 };
 /* Divides triangles with edges above `widest` [mm] into parts below it, the widest ones alone
- * and into wider parts where that takes more than most_more places. Triangles of wider parts
- * get UINT8_MAX. PRT_NOMEM: *out is empty. */
+ * and into wider parts where that takes more than about most_more places. Wider ones get
+ * UINT8_MAX. PRT_NOMEM: *out is empty. */
 int prt_horizon_places_create(const struct prt_mesh *mesh, double widest, uint32_t most_more,
                               struct horizon_places *out);
 void prt_horizon_places_finish(struct horizon_places *places);

@@ -362,12 +362,13 @@ struct horizon;
 /* Words of 8 bytes that hold the bins of one place: fewer where there are many, whose bins are
  * 2 x 2 of these. */
 uint32_t prt_horizon_words(uint32_t n_place);
-/* Places are the mesh's vertices and at most most_more points of its larger triangles. */
+/* Places are the mesh's vertices and, on its larger triangles, about most_more
+ * points at most. */
 int prt_horizon_create(const struct prt_scene *scene, uint32_t most_more, struct horizon **out);
 void prt_horizon_destroy(struct horizon *horizon);
 /* Rays that leave a triangle into a bin: 1 all visible, -1 all blocked, 0 unknown (cast one).
- * Those of a divided triangle are unknown: by its parts single scattering of a cow erred by a
- * tenth more. */
+ * Those of a divided triangle are unknown: by its parts single scattering was less
+ * exact. */
 int prt_horizon_bin(struct horizon *horizon, uint32_t triangle, uint32_t bin);
 /* Asks for the memory that prt_horizon_bin will read. */
 void prt_horizon_prefetch(const struct horizon *horizon, uint32_t triangle, uint32_t bin);

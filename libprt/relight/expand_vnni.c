@@ -110,8 +110,8 @@ PRT_INLINE void integer_tile(const struct expand_job *job, const void *user, uin
     }
 }
 
-// n_pair pairs of rows for n vertices. u: the first pair at the chunk's first vertex; next:
-// what is read after them.
+// n_pair pairs of rows for n vertices. u: the first pair at the chunk's first vertex; next: the
+// pairs that the next call reads, which are prefetched.
 PRT_INLINE void add_pairs(const struct integers *q, uint32_t pair, const uint32_t n_pair,
                           const uint16_t *u, const uint16_t *next, size_t stride, uint32_t n,
                           int32_t *sum)

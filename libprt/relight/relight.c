@@ -162,8 +162,7 @@ static bool takes_integers(const struct rows_job *job)
     return job->tensor->rows.value == PRT_VALUE_PAIR && job->kernels->pairs_group;
 }
 
-// Whether the next group, of n lights, is read from a table of floats, or would be if it were
-// not in integers.
+// Whether a group of n lights that is not in integers is read from a table of floats.
 static bool takes_table(const struct rows_job *job, unsigned n)
 {
     return n > 1 || job->together;

@@ -79,9 +79,10 @@ uint64_t ledger_limit_client(const struct principal *principal, enum ledger_reso
 /* No principal's limit is below it, but for 0. */
 uint64_t ledger_limit_least(const struct ledger *ledger, enum ledger_resource resource);
 uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource resource);
-/* Whether the principal of this name holds more than its share: the limit in all, in equal
- * parts for those that hold anything. `more` counts as held by `asker` (NULL: by nobody)
- * already. Where all together hold more than the limit, somebody holds more than its share. */
+/* Whether the principal of this name holds more than its share: the limit in all divided by the
+ * number of principals that hold anything. `more` counts as held by `asker` already; NULL: it
+ * is not counted. Where all together hold more than the limit, somebody holds more than its
+ * share. */
 bool ledger_above_share(const struct ledger *ledger, enum ledger_resource resource,
                         const char *name, const char *asker, uint64_t more);
 const char *ledger_name(enum ledger_resource resource); /* "connections", for metrics */

@@ -80,9 +80,9 @@ void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal
 /* Removes the blob that was unused longest, of this owner, unless it was used in the last
  * keep_s or a room needs it. False when there is none. */
 bool blob_evict(struct blobs *blobs, const char *owner);
-/* The same for so many bytes that the asker wants: a blob of those who hold more than their
- * share of the disk, or of nobody; if there is none, any, unless the asker would hold more than
- * its share. */
+/* The same for an asker that wants `more` bytes. First goes a blob of an owner that holds more
+ * than its share of the disk, or of no owner. If there is none, any blob goes, but only while
+ * the asker stays within its own share. */
 bool blob_evict_for(struct blobs *blobs, const char *asker, uint64_t more);
 /* Takes a file of the store its name at once; a worker removes it. */
 void blob_discard(struct blobs *blobs, const char *name);

@@ -24,7 +24,7 @@ struct victim {
 struct wish {
     enum ledger_resource resource; // of which shares are counted
     const char *owner;             // only files of this one; NULL: of all
-    const char *asker;             // who can be refused, or NULL
+    const char *asker;             // who is refused if no room is found; NULL: nobody
     uint64_t more;                 // that it wants, and does not hold yet
     const struct model *newest;    // stays; may be NULL
     bool busy;                     // files that somebody reads, too

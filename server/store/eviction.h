@@ -3,9 +3,9 @@
  * --disk of all, --client-disk of one principal, --bakes-disk of bakes. Previews go first, then
  * copies of --models, then bakes; all of them can be made again. Among previews and among bakes
  * those of a principal that holds more than its share go before others, and of these the
- * longest unused. A principal that asks for more than its share gets room from those above
- * theirs alone, itself among them, or from nobody's files: else it is refused, and whoever
- * keeps within its share loses nothing to it. Loop thread only. */
+ * longest unused. A principal that asks for more than its share gets room only from files of
+ * principals above their share, itself among them, and from files without an owner. If these
+ * are not enough, it is refused. Loop thread only. */
 #ifndef RELIGHTD_EVICTION_H
 #define RELIGHTD_EVICTION_H
 
@@ -18,8 +18,9 @@ struct model;
 uint64_t bakes_bytes(const struct server *server);
 /* Removes files until the budgets are kept. Kept are pinned models, what rooms need, files that
  * somebody reads (unless nothing else is left), and those of `newest` (may be NULL). `asker`:
- * who is refused if too much stays, and gets no more than its share from others; NULL for what
- * may take any, such as a bake that is ready or a room's event. */
+ * the principal that is refused if too much stays; beyond its own share it takes nothing from
+ * those within theirs. NULL: files of all may go, as for a bake that is ready or a room's
+ * event. */
 void evict_for_room(struct server *server, const struct model *newest, const char *asker);
 /* The same before an upload of so many bytes. */
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
