@@ -20,7 +20,9 @@
 
 static const char format_text[] = "relight store 1\n";
 /* STALE_TRIES: on NFS a file that another machine replaces or removes is stale for whoever has
- * it open; its name leads to the new one, or to none. */
+ * it open; its name leads to the new one, or to none. While this machine still holds the old
+ * file open elsewhere, or a delegation of it, the name leads to the old one for milliseconds:
+ * later tries wait, .6 s in all. */
 enum { PIECE = 1 << 20, TEMPORARY_S = 3600, STALE_TRIES = 16 };
 
 static const struct {
@@ -55,6 +57,7 @@ static bool try_again(const char *path, int err, int tries)
 {
     char folder[PATH_MAX];
     if (!(err == -ESTALE && tries < STALE_TRIES) && !(err == -ENOENT && !tries)) return false;
+    if (tries > 1) usleep(1000u << (tries < 8 ? tries - 2 : 6));
     snprintf(folder, sizeof folder, "%s", path);
     *strrchr(folder, '/') = 0;
     char *above = strrchr(folder, '/'); // blobs and bakes are in folders of their first digits

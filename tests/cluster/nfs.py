@@ -10,6 +10,7 @@ import fcntl
 import glob
 import os
 import shutil
+import signal
 import socket
 import struct
 import subprocess
@@ -108,6 +109,7 @@ def first_process():
         print("in the User Mode Linux: %s" % error)
     print(END % status, flush=True)
     write("/proc/sysrq-trigger", "o")
+    signal.pause()  # the kernel panics where its first process ends before the power is off
 
 
 # ---- on this machine
@@ -134,7 +136,11 @@ def main():
         words = ["root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro", "mem=1G", "quiet", "con=null", "con0=fd:0,fd:1",
                  "init=" + os.path.abspath(__file__), "RELIGHT_MODULES=" + os.path.dirname(modules[-1]),
                  "RELIGHT_FOLDERS=" + ":".join(folders), "RELIGHT_RUN=" + script.name]
-        done = subprocess.run([linux, *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        environment = dict(os.environ)
+        registers = build + "/bin/libuml_registers.so"  # uml_registers.c
+        if os.path.exists(registers):
+            environment["LD_PRELOAD"] = registers
+        done = subprocess.run([linux, *words], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                               text=True, errors="replace", check=False).stdout
     print(done)
     if "the folder is on NFS" not in done and "in the User Mode Linux" not in done:

@@ -395,7 +395,10 @@ static void use_record(struct object_store *store, unsigned which, unsigned *see
     }
     int err = object_read(store, id, &text);
     if (err == -ENOENT) return;
-    if (err) _exit(9);
+    if (err) {
+        print_error("a record: %s\n", strerror(-err));
+        _exit(9);
+    }
     unsigned long n = strtoul(text, &at, 10);
     if (*at != ' ' || strspn(at + 1, "x") != n || strcmp(at + 1 + n, ".")) _exit(10);
     free(text);
