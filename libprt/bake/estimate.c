@@ -266,9 +266,10 @@ static double stages(struct demand *d, double rows)
         const double own = o->draft ? 0 : single_bytes(d, single);
         struct demand last = *d;
         if (o->draft) last.ranks = fmin(d->ranks, DRAFT_RANK * (double)d->n_cluster);
+        // What the threads freed is not always there for the packing.
         third = tensor + held + factors(&last, single, joint) +
-                fmax(d->threads * (own + factor_bytes(d, single, train, probes, 0)),
-                     packed(&last, PRT_TERM_SINGLE, single));
+                d->threads * (own + factor_bytes(d, single, train, probes, 0)) +
+                packed(&last, PRT_TERM_SINGLE, single);
     }
     if (o->exit_planes && !o->draft)
         third += EXIT_SUPPORTS * 9 * basis_size(d, true) * EXIT_LIGHT * 2;

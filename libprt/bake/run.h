@@ -54,7 +54,7 @@ float prt_bake_fine_mm(const struct bake *b);
 uint32_t prt_bake_patterns(const struct prt_bake_options *options);
 /* The bake's body, and the coarseness of its cuts. */
 struct cut_source prt_bake_cut_source(const struct bake *b);
-/* Most vertices of a cluster. */
+/* Most vertices of a cluster; reads mesh->n_vertex, o.engine and o.scattering. */
 uint32_t prt_bake_cluster_size(const struct bake *b);
 /* Most columns of a cluster's U; every_medium: U is trained for a range of media. */
 uint32_t prt_bake_rank(const struct prt_bake_options *options, bool every_medium,

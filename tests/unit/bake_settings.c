@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The JSON that a .prt records of its bake.
+// The JSON that a .prt records of its bake; the size of its clusters.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -64,12 +64,42 @@ static void a_seed_keeps_its_digits(void **state)
     free(text);
 }
 
+static uint32_t cluster_size(uint32_t n_vertex, enum prt_transport_kind engine,
+                             enum prt_scattering scattering)
+{
+    const struct prt_mesh mesh = {.n_vertex = n_vertex};
+    const struct bake b = {.mesh = &mesh, .o = {.engine = engine, .scattering = scattering}};
+    return prt_bake_cluster_size(&b);
+}
+
+// Few vertices are divided into about as many clusters as 35,000, many into a bounded number;
+// a joint bake has twice as many. More vertices never make a cluster smaller.
+static void a_small_model_has_many_clusters(void **state)
+{
+    const enum prt_scattering dipole = PRT_SCATTERING_DIPOLE;
+    for (int joint = 0; joint < 2; joint++) {
+        const enum prt_transport_kind engine =
+            joint ? PRT_TRANSPORT_JOINT : PRT_TRANSPORT_WAVELET;
+        uint32_t last = 0;
+        for (uint32_t n = 100; n < 4000000; n += n / 10) {
+            const uint32_t size = cluster_size(n, engine, dipole), clusters = n / size;
+            assert_true(size >= last && size >= 64);
+            if (n > 7000) assert_in_range(clusters, 50, joint ? 256 : 128);
+            last = size;
+        }
+        assert_int_equal(cluster_size(35000, engine, dipole), joint ? 320 : 640);
+        assert_int_equal(cluster_size(3225, engine, dipole), 64);
+        assert_int_equal(cluster_size(3225, engine, PRT_SCATTERING_WALK), 160);
+    }
+}
+
 int main(void)
 {
     prt_context_init(&context);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_long_source_is_whole),
         cmocka_unit_test(a_seed_keeps_its_digits),
+        cmocka_unit_test(a_small_model_has_many_clusters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
