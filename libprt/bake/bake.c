@@ -186,8 +186,8 @@ uint32_t prt_bake_cluster_size(const struct bake *b)
     const uint32_t n = joint ? b->mesh->n_vertex / 2 : b->mesh->n_vertex;
     const uint32_t large = n / most_clusters + 1, small = n / few_clusters;
     const uint32_t usual = joint ? joint_cluster_vertices : cluster_vertices;
-    const uint32_t least =
-        b->o.scattering == PRT_SCATTERING_WALK ? least_walk_cluster : least_cluster;
+    uint32_t least = least_cluster;
+    if (b->o.scattering == PRT_SCATTERING_WALK) least = joint ? usual : least_walk_cluster;
     if (small < usual) return small < least ? least : small;
     return large < usual ? usual : large;
 }
