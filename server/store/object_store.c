@@ -375,7 +375,11 @@ int object_write(struct object_store *store, const char *id, const char *text)
     err = write_all(fd, text, strlen(text));
     if (!err && fsync(fd)) err = -errno;
     if (close(fd) && !err) err = -errno;
-    if (!err && rename(temporary, path)) err = -errno;
+    if (!err) {
+        int tries = 0; // on NFS the file that is replaced may be stale
+        do err = rename(temporary, path) ? -errno : 0;
+        while (try_again(path, err, tries++));
+    }
     if (err) unlink(temporary);
     return err ? err : object_sync_folder(path);
 }

@@ -390,7 +390,11 @@ static void use_record(struct object_store *store, unsigned which, unsigned *see
         int head = snprintf(fresh, sizeof fresh, "%lu ", n);
         memset(fresh + head, 'x', n);
         strcpy(fresh + head + n, ".");
-        if (object_write(store, id, fresh)) _exit(8);
+        const int err = object_write(store, id, fresh);
+        if (err) {
+            print_error("writing a record: %s\n", strerror(-err));
+            _exit(8);
+        }
         return;
     }
     int err = object_read(store, id, &text);
