@@ -266,7 +266,8 @@ static double stages(struct demand *d, double rows)
         const double own = o->draft ? 0 : single_bytes(d, single);
         struct demand last = *d;
         if (o->draft) last.ranks = fmin(d->ranks, DRAFT_RANK * (double)d->n_cluster);
-        // What the threads freed is not always there for the packing.
+        // The allocator may keep what the threads freed: their arrays are counted beside the
+        // packed tensor.
         third = tensor + held + factors(&last, single, joint) +
                 d->threads * (own + factor_bytes(d, single, train, probes, 0)) +
                 packed(&last, PRT_TERM_SINGLE, single);

@@ -159,7 +159,7 @@ void prt_bake_drop_factored(struct bake *b)
 // The most bytes of a tensor: W05's 128 coefficients a vertex (640 bytes with their indices),
 // and METHODS §5's sizes for joint transport. Small models, whose bases take the largest part,
 // get a least number instead. Single scattering of spot (3225 vertices, 50 mm, marble) under
-// studio and sunrise: 3.0 and 5.6 % in 6 MB, 2.3 and 4.3 % in 10, 1.2 and 2.6 % in 20.
+// studio and sunrise: 2.8 and 5.1 % in 6 MB, 1.7 and 3.7 % in 12, 1.2 and 2.6 % in 20.
 double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_TRANSPORT_JOINT;

@@ -20,9 +20,8 @@
 
 static const char format_text[] = "relight store 1\n";
 /* STALE_TRIES: on NFS a file that another machine replaces or removes is stale for whoever has
- * it open; its name leads to the new one, or to none. While this machine still holds the old
- * file open elsewhere, or a delegation of it, the name leads to the old one for milliseconds:
- * later tries wait, .6 s in all. */
+ * it open; its name leads to the new one, or to none. The name itself can stay stale for some
+ * milliseconds (test nfs_records): from the third try on each waits, .6 s in all. */
 enum { PIECE = 1 << 20, TEMPORARY_S = 3600, STALE_TRIES = 16 };
 
 static const struct {

@@ -140,8 +140,8 @@ def main():
         registers = build + "/bin/libuml_registers.so"  # uml_registers.c
         if os.path.exists(registers):
             environment["LD_PRELOAD"] = registers
-        done = subprocess.run([linux, *words], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                              text=True, errors="replace", check=False).stdout
+        done = subprocess.run([linux, *words], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True, errors="replace", check=False).stdout
     print(done)
     if "the folder is on NFS" not in done and "in the User Mode Linux" not in done:
         skip("the User Mode Linux does not start here")

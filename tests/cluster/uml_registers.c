@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// User Mode Linux 6.1 sets fewer registers of its processes than a processor with AMX has,
-// which the kernel refuses (EFAULT). Preloaded, this sets those and leaves the others as they
-// are.
+// Lets User Mode Linux 6.1 run on a processor with AMX. It writes its processes' registers with
+// ptrace in a buffer that has no room for AMX's, and the kernel refuses a buffer that is too
+// short (EFAULT). This library, preloaded, reads all registers, replaces those in the buffer,
+// and writes all.
 #include <dlfcn.h>
 #include <elf.h>
 #include <stdarg.h>

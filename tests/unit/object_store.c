@@ -400,7 +400,7 @@ static void use_record(struct object_store *store, unsigned which, unsigned *see
     int err = object_read(store, id, &text);
     if (err == -ENOENT) return;
     if (err) {
-        print_error("a record: %s\n", strerror(-err));
+        print_error("reading a record: %s\n", strerror(-err));
         _exit(9);
     }
     unsigned long n = strtoul(text, &at, 10);
