@@ -78,8 +78,9 @@ static void include_block(const struct prt_mesh *mesh, const struct prt_block *b
 {
     for (uint32_t v = b->vertex_begin; v < b->vertex_begin + b->n_vertex; v++)
         for (int c = 0; c < 3; c++) {
-            box[0][c] = fminf(box[0][c], mesh->position[v][c]);
-            box[1][c] = fmaxf(box[1][c], mesh->position[v][c]);
+            const float x = mesh->position[v][c];
+            box[0][c] = x < box[0][c] ? x : box[0][c]; // fminf would be a call
+            box[1][c] = x > box[1][c] ? x : box[1][c];
         }
 }
 

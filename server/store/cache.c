@@ -19,6 +19,7 @@ struct cache {
     size_t n_bucket;
     uint64_t seed;
     struct cache_entry *newest, *oldest;
+    struct cache_entry *newest_holder, *oldest_holder;
     size_t budget;
     struct cache_counts counts;
     struct cache *files;   // entries of it are held by values of this one
@@ -85,11 +86,28 @@ static size_t overhead(const struct cache_entry *e)
     return sizeof *e + strlen(e->key) + 1;
 }
 
+static void link_use(struct cache *cache, struct cache_entry *e)
+{
+    e->older = cache->newest;
+    *(cache->newest ? &cache->newest->newer : &cache->oldest) = e;
+    cache->newest = e;
+    if (!e->holds_file) return;
+    e->older_holder = cache->newest_holder;
+    *(cache->newest_holder ? &cache->newest_holder->newer_holder : &cache->oldest_holder) = e;
+    cache->newest_holder = e;
+}
+
 static void unlink_use(struct cache *cache, struct cache_entry *e)
 {
     *(e->newer ? &e->newer->older : &cache->newest) = e->older;
     *(e->older ? &e->older->newer : &cache->oldest) = e->newer;
     e->newer = e->older = NULL;
+    if (!e->holds_file) return;
+    *(e->newer_holder ? &e->newer_holder->older_holder : &cache->newest_holder) =
+        e->older_holder;
+    *(e->older_holder ? &e->older_holder->newer_holder : &cache->oldest_holder) =
+        e->newer_holder;
+    e->newer_holder = e->older_holder = NULL;
 }
 
 static void unlink_key(struct cache *cache, struct cache_entry *e)
@@ -160,8 +178,7 @@ static void drop(struct cache *cache, struct cache_entry *e)
 // Evicts the least recently used unreferenced holder; false where there is none.
 static bool drop_holder(struct cache *cache)
 {
-    struct cache_entry *e = cache->oldest;
-    while (e && !e->holds_file) e = e->newer;
+    struct cache_entry *e = cache->oldest_holder;
     if (!e) return false;
     cache->counts.evictions++;
     drop(cache, e);
@@ -316,9 +333,7 @@ void cache_release(struct cache_entry *e)
         admit_next(freed_file ? cache->files : cache);
         return;
     }
-    e->older = cache->newest;
-    *(cache->newest ? &cache->newest->newer : &cache->oldest) = e;
-    cache->newest = e;
+    link_use(cache, e);
     bool holds_file = e->holds_file;
     keep_budget(cache); // may evict it
     if (holds_file && cache->files) keep_budget(cache->files);

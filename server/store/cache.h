@@ -19,8 +19,9 @@ struct cache_waiter {
 };
 
 struct cache_entry {
-    struct cache_entry *chain;         /* of its hash bucket */
-    struct cache_entry *newer, *older; /* use order, while unreferenced */
+    struct cache_entry *chain;                       /* of its hash bucket */
+    struct cache_entry *newer, *older;               /* use order, while unreferenced */
+    struct cache_entry *newer_holder, *older_holder; /* the same of those that hold a file */
     uint64_t hash;
     char *key;
     enum cache_state state;
@@ -38,7 +39,7 @@ struct cache_entry {
     void (*unwanted)(struct cache_entry *entry);
     void *job;
     bool forgotten;  /* removed from the table; freed with its last reference */
-    bool holds_file; /* its value holds an entry of another cache */
+    bool holds_file; /* its value holds an entry of another cache: set before cache_fill */
     bool
         any_thread; /* its value, when large, is destroyed by a worker: set before cache_fill */
 };

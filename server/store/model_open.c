@@ -235,6 +235,7 @@ static void learn_facts(struct model *m, const struct prt_file *file)
     const struct prt_transport *t = prt_file_transport(file);
     struct model_facts *f = &m->facts;
     float box[2][3];
+    if (f->baked && f->hash == prt_file_hash(file)) return; // it was open before
     memcpy(box, f->box, sizeof box);
     learn_variants(m, &t->mesh);
     *f = (struct model_facts){.known = true,
@@ -248,6 +249,7 @@ static void learn_facts(struct model *m, const struct prt_file *file)
                               .cube = t->cube,
                               .exit_planes = exit_planes(t),
                               .bytes = prt_file_bytes(file),
+                              .hash = prt_file_hash(file),
                               .error_multiple = json_error(t->errors, "multiple"),
                               .error_single = json_error(t->errors, "single"),
                               .error_view = json_error(t->errors, "single_toward_eyes"),

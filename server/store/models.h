@@ -28,7 +28,7 @@ struct model_facts {
     uint32_t n_vertex, n_triangle, n_object;
     float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
     uint32_t engine, storage, cube, exit_planes;
-    uint64_t bytes;
+    uint64_t bytes, hash; /* of the .prt; hash: prt_file_hash */
     float error_multiple, error_single, error_view, error_total; /* measured relative RMSE,
                                                                   * worst light; 0: unknown */
 };

@@ -737,6 +737,62 @@ static void test_greedy_gives_way(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+static void assert_known(struct relight_client *client, const char *id)
+{
+    struct relight_error error;
+    struct relight_model info;
+    OK(relight_info(client, id, &info, &error));
+    relight_model_finish(&info);
+}
+
+// Of eight models that the daemon may know, seven are one client's: it gives way to itself and
+// to the other, whose first is the oldest of all.
+static void test_share_of_models(void **state)
+{
+    static const char *const extra[] = {"--max-models", "8", NULL};
+    struct relight_error error;
+    char first[ID_SIZE], second[ID_SIZE], id[9][ID_SIZE];
+    struct relight_model info;
+    struct relight_list list;
+    daemon_start(&d, extra);
+    struct relight_client *greedy = client_open(d.address), *modest = open_tcp();
+    OK(load_preview(modest, "first", 8, first, &error));
+    for (int i = 0; i < 8; i++) OK(load_preview(greedy, NULL, 10 + (float)i, id[i], &error));
+    assert_known(modest, first);
+    expect(relight_info(greedy, id[0], &info, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    OK(load_preview(modest, "second", 9, second, &error));
+    assert_known(modest, first);
+    assert_known(modest, second);
+    expect(relight_info(greedy, id[1], &info, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    for (int i = 2; i < 8; i++) assert_known(greedy, id[i]);
+    OK(relight_list(modest, false, &list, &error));
+    assert_int_equal(list.n_model, 8);
+    relight_list_finish(&list);
+    relight_close(greedy);
+    relight_close(modest);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// With a limit by client its own oldest goes, though the daemon has room and others have older
+// ones.
+static void test_own_preview_goes(void **state)
+{
+    static const char *const extra[] = {"--client-models", "3", NULL};
+    struct relight_error error;
+    struct relight_model info;
+    char theirs[ID_SIZE], id[4][ID_SIZE];
+    daemon_start(&d, extra);
+    struct relight_client *local = client_open(d.address), *remote = open_tcp();
+    OK(load_preview(remote, "theirs", 8, theirs, &error));
+    for (int i = 0; i < 4; i++) OK(load_preview(local, NULL, 10 + (float)i, id[i], &error));
+    assert_known(remote, theirs);
+    expect(relight_info(local, id[0], &info, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    for (int i = 1; i < 4; i++) assert_known(local, id[i]);
+    relight_close(local);
+    relight_close(remote);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // Uploads that are new stay for a while: one who fills the disk with them is refused, and the
 // other, who keeps within its share, loses nothing.
 static void test_greedy_uploads_are_refused(void **state)
@@ -842,6 +898,8 @@ int main(void)
         TEST(test_previews_leave_room),
         TEST(test_share_of_a_principal),
         TEST(test_greedy_gives_way),
+        TEST(test_share_of_models),
+        TEST(test_own_preview_goes),
         TEST(test_greedy_uploads_are_refused),
         TEST(test_longest_unused_bake_goes),
         TEST(test_open_bake_stays),

@@ -321,6 +321,58 @@ static void test_charges_take_room(void **state)
     cache_destroy(cache);
 }
 
+static struct cache *files;
+
+static void destroy_holder(void *value)
+{
+    n_destroyed++;
+    cache_release(value);
+}
+
+// A ready entry whose value holds the file of this name.
+static void hold_file(struct cache *holders, const char *name)
+{
+    bool fresh;
+    struct cache_entry *file = cache_get(files, name, &fresh);
+    if (fresh) cache_fill(file, malloc(VALUE), VALUE, destroy);
+    struct cache_entry *e = cache_get(holders, name, &fresh);
+    assert_true(fresh);
+    e->holds_file = true;
+    cache_fill(e, file, 1, destroy_holder);
+    cache_release(e);
+}
+
+// Files beyond their budget: the holder used longest ago goes, and what holds no file stays,
+// however old.
+static void test_holders_release_files(void **state)
+{
+    struct cache *holders;
+    assert_int_equal(cache_create(3 * VALUE + 3 * entry_bytes("x", 0), &files), 0);
+    assert_int_equal(cache_create(100 * VALUE, &holders), 0);
+    cache_hold_files(holders, files);
+    use(holders, "plain");
+    hold_file(holders, "a");
+    use(holders, "plain2");
+    hold_file(holders, "b");
+    hold_file(holders, "c");
+    assert_true(is_there(holders, "a")); // and is used last now
+    hold_file(holders, "d");
+    assert_false(is_there(holders, "b"));
+    assert_false(is_there(files, "b"));
+    assert_true(is_there(holders, "a") && is_there(holders, "c") && is_there(holders, "d"));
+    cache_forget(holders, "a", false); // the oldest
+    hold_file(holders, "e");
+    assert_true(is_there(holders, "c") && is_there(holders, "d") && is_there(holders, "e"));
+    hold_file(holders, "f");
+    assert_false(is_there(holders, "c"));
+    assert_true(is_there(holders, "d") && is_there(holders, "e") && is_there(holders, "f"));
+    assert_true(is_there(holders, "plain") && is_there(holders, "plain2"));
+    cache_forget(holders, "", false);
+    assert_int_equal(bytes_of(holders), 0);
+    cache_destroy(holders);
+    cache_destroy(files);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -332,6 +384,7 @@ int main(void)
         cmocka_unit_test(test_hash_is_seeded),
         cmocka_unit_test(test_room_is_promised),
         cmocka_unit_test(test_charges_take_room),
+        cmocka_unit_test(test_holders_release_files),
         cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
     };
     return cmocka_run_group_tests_name("cache", tests, NULL, NULL);

@@ -35,7 +35,8 @@ static void remove_folder(const char *folder)
 static const int ending[] = {SIGINT, SIGTERM, SIGHUP};
 static int told[2] = {-1, -1};
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
-static const struct bench_daemon *running; // guarded by lock; NULL: there is nothing to remove
+enum { MOST_RUNNING = 2 };
+static const struct bench_daemon *running[MOST_RUNNING]; // guarded by lock; NULL: none
 
 static void on_ending(int number)
 {
@@ -43,18 +44,21 @@ static void on_ending(int number)
     if (write(told[1], &byte, 1) < 0) _exit(128 + number);
 }
 
-// Ends the daemon, removes its folder and then the process as the signal would have.
+// Ends the daemons, removes their folders and then the process as the signal would have.
 static void *clean_up(void *arg)
 {
     unsigned char number;
     while (read(told[0], &number, 1) != 1) continue;
     pthread_mutex_lock(&lock); // never unlocked: threads that stop or start a daemon wait here
-    if (running && running->pid > 0) {
-        kill(running->pid, SIGTERM);
-        for (int i = 0; i < 500 && !waitpid(running->pid, NULL, WNOHANG); i++) usleep(10000);
-        kill(running->pid, SIGKILL);
+    for (int d = 0; d < MOST_RUNNING; d++) {
+        if (running[d] && running[d]->pid > 0) {
+            kill(running[d]->pid, SIGTERM);
+            for (int i = 0; i < 500 && !waitpid(running[d]->pid, NULL, WNOHANG); i++)
+                usleep(10000);
+            kill(running[d]->pid, SIGKILL);
+        }
+        if (running[d]) remove_folder(running[d]->folder);
     }
-    if (running) remove_folder(running->folder);
     signal(number, SIG_DFL);
     kill(getpid(), number);
     _exit(128 + number);
@@ -77,10 +81,15 @@ static void watch_for_ending(void)
     }
 }
 
-static void remember(const struct bench_daemon *d)
+// Puts a daemon in the place of another; NULL: in a free place, or nothing there any more.
+static void put_in_place_of(const struct bench_daemon *old, const struct bench_daemon *d)
 {
     pthread_mutex_lock(&lock);
-    running = d;
+    for (int i = 0; i < MOST_RUNNING; i++)
+        if (running[i] == old) {
+            running[i] = d;
+            break;
+        }
     pthread_mutex_unlock(&lock);
 }
 
@@ -207,7 +216,7 @@ int bench_daemon_start_with(struct bench_env *env, const char *const extra[], un
     char log[64], last[256] = "";
     *out = (struct bench_daemon){.pid = 0};
     watch_for_ending();
-    remember(out);
+    put_in_place_of(NULL, out);
     int status = lay_out(env, n_model, out);
     snprintf(log, sizeof log, "%s/log", out->folder);
     if (!status) status = spawn(env, extra, out, log);
@@ -231,7 +240,7 @@ void bench_daemon_stop(struct bench_daemon *d)
         while (waitpid(d->pid, NULL, 0) < 0 && errno == EINTR) continue;
     }
     remove_folder(d->folder);
-    remember(NULL);
+    put_in_place_of(d, NULL);
     d->pid = 0;
     d->folder[0] = 0;
 }
