@@ -107,7 +107,8 @@ static int decode(struct relight_client *client, const struct options *o,
     struct relight_model model = {0};
     struct relight_geometry own = {0}; // whose blocks have a variant's gains
     const char *variant = o->shade.variant;
-    if (colors->format != RELIGHT_COLOR_COEFFICIENTS)
+    if (colors->format != RELIGHT_COLOR_COEFFICIENTS &&
+        colors->format != RELIGHT_COLOR_COEFFICIENTS_PACKED)
         return relight_colors_decode(colors, 0, rgb);
     int status = variant
                      ? relight_geometry_variant(client, o->target, variant, false, &own, error)

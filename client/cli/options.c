@@ -30,8 +30,8 @@ enum { FOREIGN = 1 }; // before a material's path
 static const char *const terms[] = {"total", "irradiance", "multiple", "single", NULL};
 static const char *const engines[] = {"default", "reference", "wavelet", "polynomial", "joint",
                                       "splat",   "tangent",   "texture", "hybrid",     NULL};
-static const char *const color_formats[] = {"f32",   "f16",          "rgb9e5",
-                                            "srgb8", "coefficients", NULL};
+static const char *const color_formats[] = {
+    "f32", "f16", "rgb9e5", "srgb8", "coefficients", "coefficients-packed", NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
 static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
 static const char *const axes[] = {"y", "z", NULL};
@@ -115,8 +115,9 @@ static const struct row {
     {'W', "bump-mm", "H", REAL, AT(shade.bump_mm), 1e-6, 1e4, NULL, 0,
      "height in mm of white in --bump-map (default 0.5)"},
     {'f', "format", "FORMAT", WORD, AT(format), 0, 0, color_formats, 0,
-     "encoding of colours on the wire: f32 (default), f16, rgb9e5, srgb8 or coefficients (small "
-     "answers, which this program multiplies with the bake's factors)"},
+     "encoding of colours on the wire: f32 (default), f16, rgb9e5, srgb8, coefficients (small "
+     "answers, which this program multiplies with the bake's factors) or coefficients-packed (two "
+     "thirds of their bytes, colours within 0.1 %)"},
     {'c', "camera", "NAME|CAMERA", SPECIAL, 0, 0, 0, NULL, 0,
      "a camera of the model's file (info lists them), or EYE:TARGET[:UP][:FOVY] as "
      "x,y,z:x,y,z:x,y,z:degrees (default: frame the model)"},

@@ -128,6 +128,12 @@ void relight_factors_finish(struct relight_factors *factors)
 
 // ---- coefficients of an answer
 
+// Of n triples.
+static uint64_t triples_bytes(int format, uint64_t n)
+{
+    return format == RELIGHT_COLOR_COEFFICIENTS_PACKED ? 4 * (n + n % 2) : 6 * n;
+}
+
 static bool get_layer(const Relight__CoefficientLayer *m, const Relight__ColorsAnswer *colors,
                       struct relight_layer *out)
 {
@@ -137,11 +143,12 @@ static bool get_layer(const Relight__CoefficientLayer *m, const Relight__ColorsA
                                   .n_row = m->n_row,
                                   .offset = m->offset,
                                   .scale = m->scales};
+    const uint64_t bytes = triples_bytes((int)colors->format, (uint64_t)m->n_row * phases);
     for (size_t i = 0; i < m->n_scales; i++)
         if (!isfinite(m->scales[i])) return false;
     return (phases == 1 || phases == 4 || phases == 9 || phases == 16) &&
            m->n_scales == colors->n_plane && m->tensor < RELIGHT_MOST_LAYERS &&
-           section_fits(m->offset, 6ull * m->n_row * phases, colors->plane_bytes);
+           section_fits(m->offset, bytes, colors->plane_bytes);
 }
 
 bool relight_get_coefficients(const Relight__ColorsAnswer *m, struct relight_colors *out)
@@ -175,10 +182,30 @@ int relight_colors_outgoing(const struct relight_colors *colors, size_t block,
 
 // ---- products
 
-// The numbers of one cluster, [rank + 1][n_phase][3], the last row 0.
-static void decode_rows(const uint16_t *half, size_t n, size_t width, float scale, float *out)
+// Triples [first, first + n) of a layer of COEFFICIENTS_PACKED (PROTOCOL.md).
+static void decode_packed(const uint8_t *from, size_t first, size_t n, float *out)
 {
-    relight_decode_f16(half, n * width, out);
+    for (size_t i = 0; i < n; i++) {
+        const size_t even = (first + i) / 2 * 2;
+        uint32_t two[2];
+        memcpy(two, from + 4 * even, 8);
+        const float step = ldexpf(1, (int)(two[0] >> 30 | two[1] >> 30 << 2) - 9);
+        const uint32_t x = two[first + i - even];
+        for (int c = 0; c < 3; c++) {
+            const int m = (int)(x >> 10 * c & 1023);
+            out[3 * i + (size_t)c] = (float)(m < 512 ? m : m - 1024) * step;
+        }
+    }
+}
+
+// Rows [first, first + n) of a layer, [n + 1][n_phase][3], the last one 0. width: 3 n_phase.
+static void decode_rows(int format, const uint8_t *from, size_t first, size_t n, size_t width,
+                        float scale, float *out)
+{
+    const uint16_t *half = (const uint16_t *)(const void *)from + first * width;
+    if (format == RELIGHT_COLOR_COEFFICIENTS_PACKED)
+        decode_packed(from, first * width / 3, n * width / 3, out);
+    else relight_decode_f16(half, n * width, out);
     for (size_t i = 0; i < n * width; i++) out[i] *= scale;
     memset(out + n * width, 0, width * sizeof *out);
 }
@@ -203,7 +230,8 @@ struct product {
     const struct relight_factor_tensor *tensor;
     const struct relight_layer *layer;
     uint32_t most_rank; // of the coefficients
-    const uint16_t *half;
+    int format;
+    const uint8_t *numbers;
     float scale;
     float *row, *sum; // of the largest cluster
 };
@@ -212,18 +240,18 @@ static void add_layer(const struct product *p, uint32_t n_phase, float *const ph
 {
     const struct relight_factor_tensor *t = p->tensor;
     const size_t width = 3 * (size_t)p->layer->n_phase;
-    const uint16_t *half = p->half;
+    size_t row = 0;
     const uint32_t *order = t->order;
     const int16_t *u = t->u;
     for (uint32_t c = 0; c < t->n_cluster; c++) {
         const uint32_t *cluster = t->cluster[c], sent = least(cluster[1], p->most_rank);
         const uint32_t n_row = least(sent, p->factors->most_rank);
-        decode_rows(half, n_row, width, p->scale, p->row);
+        decode_rows(p->format, p->numbers, row, n_row, width, p->scale, p->row);
         for (uint32_t k = 0; k < n_phase && k < p->layer->n_phase; k++)
             for (size_t ch = 0; ch < 3; ch++)
                 add_channel(u, stride_of(cluster[0]), cluster[0], n_row, p->row + 3 * k + ch,
                             width, order, p->sum, phase[k] + ch);
-        half += sent * width;
+        row += sent;
         order += cluster[0];
         u += block_of(cluster, p->factors->most_rank);
     }
@@ -269,7 +297,9 @@ static int expand(const struct relight_factors *factors, const struct relight_co
                   uint32_t plane, const struct sums into[3], struct relight_error *error)
 {
     int status = 0;
-    if (colors->format != RELIGHT_COLOR_COEFFICIENTS || plane >= colors->n_plane)
+    const bool rows = colors->format == RELIGHT_COLOR_COEFFICIENTS ||
+                      colors->format == RELIGHT_COLOR_COEFFICIENTS_PACKED;
+    if (!rows || plane >= colors->n_plane)
         return relight_fail(error, RELIGHT_E_ARGUMENT, "", "no coefficients of plane %u",
                             plane);
     if (colors->factors != factors->hash || colors->n_vertex != factors->n_vertex)
@@ -288,8 +318,9 @@ static int expand(const struct relight_factors *factors, const struct relight_co
             .tensor = tensor,
             .layer = layer,
             .most_rank = colors->most_rank,
-            .half = (const uint16_t *)((const uint8_t *)colors->data +
-                                       plane * colors->plane_bytes + layer->offset),
+            .format = (int)colors->format,
+            .numbers =
+                (const uint8_t *)colors->data + plane * colors->plane_bytes + layer->offset,
             .scale = layer->scale[plane],
         };
         if (!sums->n) continue;

@@ -183,6 +183,7 @@ int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, f
         relight_decode_srgb8(data, n, out);
         break;
     case RELIGHT_COLOR_COEFFICIENTS:
+    case RELIGHT_COLOR_COEFFICIENTS_PACKED:
         return -RELIGHT_E_ARGUMENT;
     }
     return 0;

@@ -8,7 +8,8 @@
 // The public enums have the numbers of relight.proto.
 _Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
 _Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
-_Static_assert((int)RELIGHT_COLOR_COEFFICIENTS == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS,
+_Static_assert((int)RELIGHT_COLOR_COEFFICIENTS_PACKED ==
+                   RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED,
                "colour format");
 #define X(name, number, ending) \
     _Static_assert(number == RELIGHT__IMAGE_FORMAT__IMAGE_##name, "image format");
@@ -233,7 +234,8 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
     const uint64_t each = (uint64_t)n * relight_color_bytes(m->format);
     uint64_t need = each;
     uint64_t last; // where the last plane starts
-    const bool rows = m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
+    const bool rows = m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS ||
+                      m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED;
     if (rows) need = m->plane_bytes;
     const bool parted = m->n_part > 0 && !rows;
     if ((!rows && !relight_color_bytes(m->format)) || !m->n_plane ||

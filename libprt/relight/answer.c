@@ -588,7 +588,8 @@ static bool only_light(const struct answer *a)
 static bool same_layers(const struct prt_coefficients *a, const struct prt_coefficients *b)
 {
     if (!a || !b) return a == b;
-    return a->most_rank == b->most_rank && a->n_layer == b->n_layer && a->n_half == b->n_half;
+    return a->most_rank == b->most_rank && a->packed == b->packed && a->n_layer == b->n_layer &&
+           a->n_half == b->n_half;
 }
 
 // Groups the first of n answers with those that differ from it only in their lights. Groups of

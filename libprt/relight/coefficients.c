@@ -28,7 +28,8 @@ int prt_coefficients_add_layer(const struct prt_context *ctx,
     layer->begin = (c->n_half + LAYER_ALIGN - 1) / LAYER_ALIGN * LAYER_ALIGN;
     for (uint32_t i = 0; i < t->n_cluster; i++)
         layer->n_row += rows_of(&t->cluster[i], c->most_rank);
-    c->n_half = layer->begin + (size_t)layer->n_row * n_plane * 3;
+    const size_t n = (size_t)layer->n_row * n_plane;
+    c->n_half = layer->begin + (c->packed ? 2 * (n + n % 2) : 3 * n);
     c->n_layer++;
     return PRT_OK;
 }
@@ -72,6 +73,36 @@ static int gather_clusters(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+// Two triples, of numbers below 2^15 in magnitude, as two u32 (prt/relight.h). Of their
+// largest number the mantissa is 256 to 511, unless it is below 1.
+static void pack_two(const float number[6], uint32_t out[2])
+{
+    float most = 0;
+    int exponent = 0;
+    for (int i = 0; i < 6; i++) most = fmaxf(most, fabsf(number[i])); // NaN is passed over
+    frexpf(fminf(most, 0x1p14f), &exponent);
+    exponent += most >= ldexpf(511.5f, exponent - 9); // it would round to 512
+    exponent = exponent < 0 ? 0 : exponent > 15 ? 15 : exponent;
+    const float steps = ldexpf(1, 9 - exponent);
+    for (int i = 0; i < 2; i++) {
+        out[i] = (uint32_t)(exponent >> 2 * i & 3) << 30;
+        for (int c = 0; c < 3; c++) {
+            const float m = fmaxf(-511, fminf(511, rintf(number[3 * i + c] * steps)));
+            out[i] |= ((uint32_t)(int)m & 1023) << 10 * c;
+        }
+    }
+}
+
+// n triples; the last of an odd number is joined by zeros.
+static void pack_rows(const float *rows, size_t n, uint32_t *out)
+{
+    float last[6] = {0};
+    for (size_t i = 0; i + 1 < n; i += 2) pack_two(rows + 3 * i, out + i);
+    if (n % 2 == 0) return;
+    memcpy(last, rows + 3 * (n - 1), 12);
+    pack_two(last, out + n - 1);
+}
+
 // Halves of one light each: the largest becomes 2^14 to 2^15, so that small ones keep their
 // digits.
 static int round_lights(void *arg, size_t begin, size_t end, unsigned worker)
@@ -88,7 +119,9 @@ static int round_lights(void *arg, size_t begin, size_t end, unsigned worker)
         layer->scale = ldexpf(1, exponent - 15);
         const float inverse = ldexpf(1, 15 - exponent);
         for (size_t i = 0; i < n; i++) rows[i] *= inverse;
-        prt_f32_to_f16_array(rows, n, g->out[l]->half + layer->begin);
+        uint16_t *half = g->out[l]->half + layer->begin;
+        if (g->out[l]->packed) pack_rows(rows, n / 3, (uint32_t *)(void *)half);
+        else prt_f32_to_f16_array(rows, n, half);
     }
     return PRT_OK;
 }

@@ -29,10 +29,12 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "animations", "coarse",   "coefficients", "env-cube",    "error-range", "events",
-        "exits",      "get-blob", "goaway",       "material",    "materials",   "poses",
-        "rooms",      "route",    "run",          "sign",        "texture-png", "textures",
-        "tokens",     "view-ack", "view-equal",   "view-fields",
+        "animations", "coarse",      "coefficients", "coefficients-packed",
+        "env-cube",   "error-range", "events",       "exits",
+        "get-blob",   "goaway",      "material",     "materials",
+        "poses",      "rooms",       "route",        "run",
+        "sign",       "texture-png", "textures",     "tokens",
+        "view-ack",   "view-equal",  "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;

@@ -16,10 +16,17 @@ static float srgb(float x)
 
 size_t color_bytes(int format)
 {
-    return format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS ? 0
-           : format == RELIGHT__COLOR_FORMAT__COLOR_F32        ? 12
-           : format == RELIGHT__COLOR_FORMAT__COLOR_F16        ? 6
-                                                               : 4;
+    switch (format) {
+    case RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS:
+    case RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED:
+        return 0;
+    case RELIGHT__COLOR_FORMAT__COLOR_F32:
+        return 12;
+    case RELIGHT__COLOR_FORMAT__COLOR_F16:
+        return 6;
+    default:
+        return 4;
+    }
 }
 
 unsigned most_parts(const struct render_spec *spec)

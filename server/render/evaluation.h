@@ -123,8 +123,9 @@ struct vertex_query {
     bool coefficients;   /* in place of both */
     uint32_t most_rank;  /* rows of a cluster; 0: all */
     bool phases;
-    bool exits; /* the planes of exit, where parts are apart and of coefficients */
-    int format; /* of colours, a Relight__ColorFormat; COLOR_F32 of all others */
+    bool packed; /* coefficients: three in 32 bits */
+    bool exits;  /* the planes of exit, where parts are apart and of coefficients */
+    int format;  /* of colours, a Relight__ColorFormat; COLOR_F32 of all others */
     float exposure_ev;
     struct cache_entry *media;   /* of media.c; NULL: the bake's */
     struct cache_entry *variant; /* of variants.c; NULL: none */
@@ -254,7 +255,8 @@ unsigned most_parts(const struct render_spec *spec);
 bool sends_exits(const struct render_spec *spec);
 static inline bool is_coefficients(const struct render_spec *spec)
 {
-    return !spec->picture && spec->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
+    return !spec->picture && (spec->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS ||
+                              spec->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED);
 }
 /* 0, or an error where the transport is not factored, so that it has no coefficients. */
 int check_factored(const struct model *model, const struct prt_transport *transport,

@@ -294,21 +294,23 @@ static void vertex_query(const struct render *r, struct vertex_query *query)
     static const int term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL, PRT_ANSWER_MULTIPLE,
                                PRT_ANSWER_SINGLE};
     const struct render_spec *s = &r->spec;
-    *query = (struct vertex_query){.term = term[s->term],
-                                   .planes = s->picture || most_parts(s),
-                                   .most_apart = most_parts(s),
-                                   .coefficients = is_coefficients(s),
-                                   .most_rank = is_coefficients(s) ? s->most_rank
-                                                : s->picture       ? 0
-                                                                   : s->color_rank,
-                                   .phases = is_coefficients(s) && s->phases,
-                                   .exits = sends_exits(s),
-                                   .format = r->encodes ? s->format
-                                                        : (int)RELIGHT__COLOR_FORMAT__COLOR_F32,
-                                   .exposure_ev = s->exposure_ev,
-                                   .media = r->media.entry,
-                                   .variant = r->variant.entry,
-                                   .has_eye = s->has_eye && !s->picture};
+    *query = (struct vertex_query){
+        .term = term[s->term],
+        .planes = s->picture || most_parts(s),
+        .most_apart = most_parts(s),
+        .coefficients = is_coefficients(s),
+        .most_rank = is_coefficients(s) ? s->most_rank
+                     : s->picture       ? 0
+                                        : s->color_rank,
+        .phases = is_coefficients(s) && s->phases,
+        .packed =
+            is_coefficients(s) && s->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED,
+        .exits = sends_exits(s),
+        .format = r->encodes ? s->format : (int)RELIGHT__COLOR_FORMAT__COLOR_F32,
+        .exposure_ev = s->exposure_ev,
+        .media = r->media.entry,
+        .variant = r->variant.entry,
+        .has_eye = s->has_eye && !s->picture};
     for (int c = 0; c < 3; c++)
         query->eye[c] = s->eye[c] * render_transport(r)->mesh.mm_per_unit;
 }
@@ -329,15 +331,15 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
         snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->key,
                  (unsigned long long)r->generation, media, light->key);
     else
-        snprintf(key, sizeof key, "%s/%llu/%s%s%u,%u/%d/%s/%s/%s%s", r->model->key,
+        snprintf(key, sizeof key, "%s/%llu/%s%s%s%u,%u/%d/%s/%s/%s%s", r->model->key,
                  (unsigned long long)r->generation, query->exits ? "exits," : "",
                  s->picture             ? "planes"
                  : query->most_apart    ? "parts"
                  : !query->coefficients ? "colors"
                  : query->phases        ? "phases"
                                         : "rows",
-                 query->most_apart, query->most_rank, query->term, media, eye,
-                 light ? light->key : "fixed", format);
+                 query->packed ? "packed," : "", query->most_apart, query->most_rank,
+                 query->term, media, eye, light ? light->key : "fixed", format);
     return strdup(key);
 }
 

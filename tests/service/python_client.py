@@ -83,7 +83,8 @@ def colours(c, model, folder):
     both = c.colors(model, ["constant", cube], sum=False)
     assert both.shape == (2, 6, 3) and np.allclose(both[1], lit, rtol=1e-3) and lit.std() > white.std()
     assert np.allclose(c.colors(model, ["constant", cube]), both.sum(0), rtol=1e-3)
-    for format, most in (("f16", 1e-3), ("rgb9e5", 4e-3), ("coefficients", 2e-3)):
+    for format, most in (("f16", 1e-3), ("rgb9e5", 4e-3), ("coefficients", 2e-3),
+                         ("coefficients_packed", 3e-3)):
         assert rmse(c.colors(model, cube, format=format), lit) < most, format
     dim = c.colors(model, cube, gain=0.1)
     assert rmse(c.colors(model, cube, gain=0.1, format="srgb8"), dim) < 0.02

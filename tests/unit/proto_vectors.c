@@ -118,10 +118,20 @@ static unsigned add_coefficients(struct vector *out, unsigned n)
     answer.format = RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
     answer.generation = 1;
     answer.coefficients = &coefficients;
-    return add(out, n, "coefficients_answer",
-               "S: COLORS: halves (1 .5 .25)(2 0 0)(0 4 0) times 2; M of vertex 2 is "
-               "(2 1 .5)/64, of vertex 1 (4 0 0)/256 + (0 8 0)/512, colours half of that",
-               12 | ANSWER, LAST, 21, &answer.base, rows, sizeof rows);
+    n = add(out, n, "coefficients_answer",
+            "S: COLORS: halves (1 .5 .25)(2 0 0)(0 4 0) times 2; M of vertex 2 is "
+            "(2 1 .5)/64, of vertex 1 (4 0 0)/256 + (0 8 0)/512, colours half of that",
+            12 | ANSWER, LAST, 21, &answer.base, rows, sizeof rows);
+    // steps of 2^-7 (exponent 2) and 2^-5 (exponent 4)
+    static const uint32_t packed[4] = {2u << 30 | 32 << 20 | 64 << 10 | 128, 1024u - 256,
+                                       128 << 10, 1u << 30};
+    static Relight__ColorsAnswer rounded;
+    rounded = answer;
+    rounded.plane_bytes = sizeof packed;
+    rounded.format = RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED;
+    return add(out, n, "coefficients_packed_answer",
+               "S: COLORS: the same packed, but -2 in place of 2", 12 | ANSWER, LAST, 21,
+               &rounded.base, packed, sizeof packed);
 }
 
 static unsigned add_hello(struct vector *out, unsigned n)

@@ -180,6 +180,68 @@ static void plan_coefficients(const struct prt_transport *t, const struct prt_qu
     memset(out->half, 0xff, 2 * out->n_half);
 }
 
+// Triple i of the packed format by its definition (prt/relight.h).
+static void unpack(const uint32_t *word, size_t i, float rgb[3])
+{
+    const int exponent = (int)(word[i & ~1ul] >> 30) + 4 * (int)(word[i | 1] >> 30);
+    for (int c = 0; c < 3; c++) {
+        const int bits = (int)(word[i] >> 10 * c) % 1024;
+        rgb[c] = ldexpf((float)((bits & 1023) > 511 ? (bits & 1023) - 1024 : bits & 1023),
+                        exponent - 9);
+    }
+}
+
+// Packed coefficients differ from halves by at most half a step, a step being 2^-8 to 2^-9 of
+// the largest of two triples; where that one would round to 512 by a whole one.
+static void packed_coefficients_are_near(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube[MANY];
+    struct prt_query q[MANY];
+    struct prt_coefficients half, packed, *one = &half, *two = &packed;
+    bool planes[MANY];
+    struct synthetic_options single = kind[0];
+    single.term = PRT_TERM_SINGLE;
+    transport_of(&t, &kind[0], &single);
+    for (uint32_t k = 0; k < t.mesh.n_surface; k++) t.mesh.surface[k].translucent = true;
+    ask_many(cube, q, planes);
+    q[0].eye = NULL;
+    q[0].term = PRT_ANSWER_TOTAL;
+    plan_coefficients(&t, &q[0], &half);
+    packed = (struct prt_coefficients){.phases = true, .packed = true};
+    assert_int_equal(prt_coefficients_plan(&ctx, &t, &q[0], &packed), PRT_OK);
+    packed.half = prt_alloc(packed.n_half, 2);
+    assert_int_equal(prt_answer_coefficients(&ctx, &t, 1, q, &one), PRT_OK);
+    assert_int_equal(prt_answer_coefficients(&ctx, &t, 1, q, &two), PRT_OK);
+    assert_int_equal(half.n_layer, packed.n_layer);
+    size_t n = 0, coarse = 0;
+    for (uint32_t l = 0; l < half.n_layer; l++) {
+        const struct prt_coefficient_layer *a = &half.layer[l], *b = &packed.layer[l];
+        const uint32_t *from = (const uint32_t *)(const void *)(packed.half + b->begin);
+        assert_int_equal(a->n_row, b->n_row);
+        assert_float_equal(a->scale, b->scale, 0);
+        for (size_t i = 0; i < (size_t)a->n_row * a->n_plane; i++, n++) {
+            const size_t all = (size_t)a->n_row * a->n_plane, pair = i & ~(size_t)1;
+            const uint16_t *number = half.half + a->begin;
+            float got[3], most = 0;
+            unpack(from, i, got);
+            for (size_t k = 3 * pair; k < 3 * pair + 6 && k < 3 * all; k++)
+                most = fmaxf(most, fabsf(prt_f16_to_f32(number[k])));
+            for (size_t c = 0; c < 3; c++) {
+                const float off = fabsf(got[c] - prt_f16_to_f32(number[3 * i + c]));
+                assert_true(off <= most * 0x1p-9f + 0x1p-10f);
+                coarse += off > most * 0x1p-11f;
+            }
+        }
+    }
+    assert_true(n > 100 && coarse > n / 4); // it is rounded to as few bits as it says
+    prt_free(half.half);
+    prt_free(packed.half);
+    for (int i = 0; i < MANY; i++) prt_cube_finish(&cube[i]);
+    finish_transport(&t);
+}
+
 // Coefficients for as many lights as a pass takes are those for each light alone; none and one
 // more are refused.
 static void coefficients_for_many_lights(void **state)
@@ -820,6 +882,7 @@ int main(void)
         cmocka_unit_test(many_queries_equal_one_by_one),
         cmocka_unit_test(a_sink_takes_each_colour_once),
         cmocka_unit_test(coefficients_for_many_lights),
+        cmocka_unit_test(packed_coefficients_are_near),
         cmocka_unit_test(fewer_rows_are_a_smaller_transport),
         cmocka_unit_test(wrong_queries_are_refused),
         cmocka_unit_test(answers_follow_the_command_contract),

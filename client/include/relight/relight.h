@@ -649,7 +649,10 @@ enum relight_color_format {
     RELIGHT_COLOR_F16,
     RELIGHT_COLOR_RGB9E5,
     RELIGHT_COLOR_SRGB8,
-    RELIGHT_COLOR_COEFFICIENTS /* no colours: relight_coefficients_expand makes them */
+    RELIGHT_COLOR_COEFFICIENTS, /* no colours: relight_coefficients_expand makes them */
+    /* the same in two thirds of the bytes; colours differ by some 0.1 %. The daemon has the
+     * feature "coefficients-packed" */
+    RELIGHT_COLOR_COEFFICIENTS_PACKED
 };
 /* X(NAME, number in the protocol, file ending; "": pixels without a file around them, or a
  * variant of another format's files) */
@@ -899,7 +902,8 @@ struct relight_factors {
 };
 
 /* Fetches the part of a model's transport that does not change with light and material. With
- * it, colours in RELIGHT_COLOR_COEFFICIENTS, some 10 to 40 kB an answer, become colours here.
+ * it, colours in RELIGHT_COLOR_COEFFICIENTS or packed, some 10 to 40 kB an answer, become
+ * colours here.
  * most_rank: even; fewer columns of each cluster, which is less exact and smaller; 0: all.
  * Returns 0 and *out, checked, to be freed by relight_factors_finish. -RELIGHT_E_UNSUPPORTED:
  * the bake is not factored (sparse, polynomial). -RELIGHT_E_NOT_READY: no bake yet.

@@ -379,6 +379,7 @@ class Client:
         variant: one of the model's variants, or "default", the file's own materials.
         format: on the wire: "f32", "f16", "rgb9e5", "srgb8", or "coefficients": small answers,
         which are multiplied here with the bake's factors; these are fetched once.
+        "coefficients_packed": the same, rounded to two thirds of the bytes.
         """
         lights, payload = self._lights(env, rotate, gain)
         request = message("ColorsRequest", model=model, lights=lights, sum=sum,
@@ -390,9 +391,10 @@ class Client:
 
     def _planes(self, model: str, frame: Frame, format: str, variant: str) -> Floats:
         m = frame.message.colors if frame.message.DESCRIPTOR.name == "ViewFrame" else frame.message
-        if format == "coefficients":
+        if format.startswith("coefficients"):
             held, blocks = self._factors_of(model, m.coefficients.factors, variant)
-            return np.stack([formats.colors_of(held, m.coefficients, frame.payload, i * m.plane_bytes, i, blocks)
+            return np.stack([formats.colors_of(held, m.coefficients, frame.payload, i * m.plane_bytes, i, blocks,
+                                               format == "coefficients_packed")
                              for i in range(m.n_plane)])
         return np.stack([formats.plane(format, frame.payload, i * m.plane_bytes, m.n_vertex)
                          for i in range(m.n_plane)])

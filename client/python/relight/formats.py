@@ -74,9 +74,17 @@ def factors(message: Any, payload: bytes) -> Factors:
     return Factors(message.factors, message.n_vertex, tensors)
 
 
-def expand(f: Factors, coefficients: Any, payload: bytes, begin: int, plane_index: int
-           ) -> Tuple[Floats, Floats]:
-    """The sums M [n, 3] and S [n_phase, n, 3] of one plane."""
+def unpack_rows(packed: Any) -> Floats:
+    """Triples [n, 3] of the words of COEFFICIENTS_PACKED (PROTOCOL.md), n even."""
+    mantissas = (packed[:, None] >> np.array([0, 10, 20], np.uint32) & 1023).astype(np.int32)
+    signed = mantissas - 1024 * (mantissas >> 9)
+    exponents = (packed[::2] >> 30 | packed[1::2] >> 30 << 2).astype(np.int32)
+    return np.ldexp(signed.astype(np.float32), np.repeat(exponents, 2)[:, None] - 9)
+
+
+def expand(f: Factors, coefficients: Any, payload: bytes, begin: int, plane_index: int,
+           packed: bool = False) -> Tuple[Floats, Floats]:
+    """The sums M [n, 3] and S [n_phase, n, 3] of one plane; packed: of COEFFICIENTS_PACKED."""
     if coefficients.factors != f.hash:
         raise RelightError("MISMATCH", "these coefficients belong to the factors of another bake")
     multiple = np.zeros((f.n_vertex, 3), np.float32)
@@ -84,8 +92,13 @@ def expand(f: Factors, coefficients: Any, payload: bytes, begin: int, plane_inde
     single = np.zeros((most, f.n_vertex, 3), np.float32)
     for layer in coefficients.layers:
         t = f.tensors[layer.tensor]
-        rows = np.frombuffer(payload, "<f2", 3 * layer.n_row * layer.n_phase, begin + layer.offset)
-        b = rows.reshape(layer.n_row, layer.n_phase, 3).astype(np.float32) * layer.scales[plane_index]
+        count = layer.n_row * layer.n_phase
+        if packed:
+            words = np.frombuffer(payload, "<u4", count + count % 2, begin + layer.offset)
+            rows = unpack_rows(words)[:count]
+        else:
+            rows = np.frombuffer(payload, "<f2", 3 * count, begin + layer.offset).astype(np.float32)
+        b = rows.reshape(layer.n_row, layer.n_phase, 3) * layer.scales[plane_index]
         position = row = 0
         for (n, rank), u in zip(t.clusters.tolist(), t.blocks):
             sent = min(rank, coefficients.most_rank or rank)
@@ -100,9 +113,9 @@ def expand(f: Factors, coefficients: Any, payload: bytes, begin: int, plane_inde
 
 
 def colors_of(f: Factors, coefficients: Any, payload: bytes, begin: int, plane_index: int,
-              blocks: Any) -> Floats:
+              blocks: Any, packed: bool = False) -> Floats:
     """The colours without an eye that the daemon would have sent."""
-    multiple, single = expand(f, coefficients, payload, begin, plane_index)
+    multiple, single = expand(f, coefficients, payload, begin, plane_index, packed)
     out = np.maximum(multiple, 0)
     for i, block in enumerate(blocks):
         part = slice(block.vertex_begin, block.vertex_begin + block.n_vertex)

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+import { DataUtils } from "three";
 import { describe, expect, test } from "vitest";
 import { builtinCube, BUILTIN_LIGHTS } from "../src/scene/builtin-lights";
 import { clampOrbit, frameOf, place, START, type Vec3 } from "../src/scene/camera";
@@ -14,6 +15,7 @@ import {
   summed,
   type Cube,
 } from "../src/scene/environment";
+import { unpackRows } from "../src/scene/factors";
 import { onlyTurned } from "../src/scene/lights";
 import {
   albedo,
@@ -251,4 +253,29 @@ describe("media", () => {
     expect(albedo(1, 0, 1.3)).toBeCloseTo(1, 9);
     expect(albedo(0.9, 0.1, 1.3)).toBeGreaterThan(albedo(0.8, 0.2, 1.3));
   });
+});
+
+// The numbers of the protocol's vector coefficients_packed_answer, and the ends of the range.
+test("packed coefficients become halves", () => {
+  const packed = new Uint32Array([
+    (2 << 30) | (64 << 20) | (128 << 10) | 256,
+    (1024 - 512) | (0 << 30),
+    (0 << 30) | (0 << 10),
+    (1 << 30) | (256 << 10),
+    (3 << 30) | (511 << 20) | (513 << 10),
+    (3 << 30) | 1,
+    1,
+    0,
+  ]);
+  const numbers = Array.from(unpackRows(packed), (half) => DataUtils.fromHalfFloat(half));
+  expect(numbers).toEqual([
+    ...[2, 1, 0.5],
+    ...[-4, 0, 0],
+    ...[0, 0, 0],
+    ...[0, 8, 0],
+    ...[0, -511 * 64, 511 * 64],
+    ...[64, 0, 0],
+    ...[2 ** -9, 0, 0],
+    ...[0, 0, 0],
+  ]);
 });

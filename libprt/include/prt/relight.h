@@ -219,8 +219,13 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
 /* ---- coefficients: contractions that a viewer expands itself
  * -------------------------------------------------------------------------------- */
 
-/* The contracted rows of one tensor: b[row][n_plane][3] = half * scale. Rows are those of the
- * clusters in their order, of each the first `rank`, or most_rank where that is less. */
+/* The contracted rows of one tensor: b[row][n_plane][3] = half * scale. Packed,
+ * b[row][n_plane] is a u32: two's complement mantissas of 10 bits, R in bits 0-9, G 10-19, B
+ * 20-29. Two of them in turn, the first at an even place, share an exponent e of 4 bits, its
+ * low ones in bits 30-31 of the first and its high ones there in the second: a coefficient is
+ * mantissa * 2^(e - 9) * scale. The last of an odd number has a u32 of zeros, but for e, beside
+ * it. Rows are those of the clusters in their order, of each the first `rank`, or most_rank
+ * where that is less. */
 struct prt_coefficient_layer {
     uint32_t tensor, n_plane; /* index into the transport's tensors; planes 0 to n_plane - 1 */
     uint32_t n_row;
@@ -232,7 +237,8 @@ struct prt_coefficients {
     uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less, and rows that are
                          * left out are not computed */
     bool phases;        /* the planes of a phase function that is not even */
-    uint16_t *half;     /* [n_half] */
+    bool packed;    /* a u32 for r, g and b: two thirds of the bytes, colours within 0.1 % */
+    uint16_t *half; /* [n_half], 4-byte aligned; packed: two for each u32 */
     /* Set by prt_coefficients_plan, the scales by prt_answer_coefficients. */
     uint32_t n_layer;
     struct prt_coefficient_layer layer[PRT_MOST_PARTS];

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a daemon computes for a frame of coefficients: the contraction, and rounding to halves.
+// What a daemon computes for a frame of coefficients, as the page asks for them: the
+// contraction, and rounding to the packed format.
 #include "bench.h"
 #include "prt/relight.h"
 
@@ -34,6 +35,7 @@ static int prepare(struct bench_env *env, struct job *job, struct prt_cube cube[
         job->out[i] = &job->rows[i];
         status = bench_cube(job->transport->cube, env->seed + i, &cube[i]);
         job->query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube[i]};
+        job->rows[i].packed = true;
         if (!status)
             status =
                 prt_coefficients_plan(&env->ctx, job->transport, &job->query[i], job->out[i]);

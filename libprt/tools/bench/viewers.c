@@ -198,11 +198,11 @@ static int run_viewers(struct bench_env *env)
     if (status) return status;
     status = serve_upload_env(env, &daemon, light);
     if (!status)
-        status = watch(env, &daemon, light, 1, RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS,
+        status = watch(env, &daemon, light, 1, RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED,
                        "viewers_1");
     if (!status)
-        status =
-            watch(env, &daemon, light, n, RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS, "viewers");
+        status = watch(env, &daemon, light, n, RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED,
+                       "viewers");
     if (!status)
         status = watch(env, &daemon, light, n / 4, RELIGHT__COLOR_FORMAT__COLOR_RGB9E5,
                        "viewers_rgb9e5");

@@ -109,7 +109,8 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     const struct prt_transport *t = file_transport(item);
     struct prt_query query = item_query(item);
     struct prt_coefficients rows = {.most_rank = item->query.most_rank,
-                                    .phases = item->query.phases};
+                                    .phases = item->query.phases,
+                                    .packed = item->query.packed};
     struct vertex_values *values;
     unsigned n_plane = 1;
     double error = 0;

@@ -6,6 +6,7 @@ import {
   BufferGeometry,
   Camera,
   DataTexture,
+  DataUtils,
   GLSL3,
   HalfFloatType,
   Mesh as ThreeMesh,
@@ -24,7 +25,13 @@ import {
   type WebGLRenderer,
 } from "three";
 import { ADDITIVE } from "./additive";
-import { Term, type Coefficients, type FactorsAnswer } from "../gen/relight_pb";
+import {
+  ColorFormat,
+  Term,
+  type Coefficients,
+  type ColorsAnswer,
+  type FactorsAnswer,
+} from "../gen/relight_pb";
 import { halves, shorts, words } from "../protocol/frame";
 import { rowsOf, type VertexTexture } from "./vertex-colors";
 import { FACTOR_WIDTH, factorFragment, factorVertex, ROW_WIDTH, VERTEX_WIDTH } from "./shaders";
@@ -90,6 +97,22 @@ export function placesOf(
     row += rank;
   }
   return { places, texels: texel };
+}
+
+/** Words of COEFFICIENTS_PACKED (PROTOCOL.md), an even number, as halves: these hold the numbers
+ * exactly. */
+export function unpackRows(packed: Uint32Array): Uint16Array {
+  const out = new Uint16Array(3 * packed.length);
+  for (let i = 0; i < packed.length; i++) {
+    const [low = 0, high = 0] = packed.subarray(i & ~1, (i & ~1) + 2);
+    const step = 2 ** (((low >>> 30) | ((high >>> 30) << 2)) - 9);
+    const x = i & 1 ? high : low;
+    for (let c = 0; c < 3; c++) {
+      const mantissa = (x << (22 - 10 * c)) >> 22; // with its sign
+      out[3 * i + c] = DataUtils.toHalfFloat(mantissa * step);
+    }
+  }
+  return out;
 }
 
 export class Factors {
@@ -174,13 +197,12 @@ export class Factors {
     }, 0);
   }
 
-  /** The values of all vertices under a light, into vertexTexture(); n_plane planes are summed. */
+  /** The values of all vertices under a light, into vertexTexture(); the planes are summed. */
   multiply(
     renderer: WebGLRenderer,
     light: Coefficients,
+    { format, nPlane, planeBytes }: ColorsAnswer,
     payload: Uint8Array,
-    nPlane: number,
-    planeBytes: number,
   ): void {
     const { layers } = this.vertexTexture(light);
     const single = this.singleLayers(light);
@@ -191,11 +213,12 @@ export class Factors {
     }
     for (let plane = 0; plane < nPlane; plane++)
       for (const layer of light.layers) {
-        const rows = halves(
-          payload,
-          plane * planeBytes + Number(layer.offset),
-          3 * layer.nRow * layer.nPhase,
-        );
+        const at = plane * Number(planeBytes) + Number(layer.offset);
+        const n = layer.nRow * layer.nPhase;
+        const rows =
+          format === ColorFormat.COLOR_COEFFICIENTS_PACKED
+            ? unpackRows(words(payload, at, n + (n % 2)))
+            : halves(payload, at, 3 * n);
         const tensor = this.tensors[layer.tensor];
         if (!tensor) continue;
         const first = tensor.exit ? 1 + single : tensor.term === Term.SINGLE ? 1 : 0;

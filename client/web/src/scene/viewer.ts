@@ -97,6 +97,14 @@ const ENGINES: Record<number, string> = {
 const vec = (v: Vec3) => ({ x: v[0], y: v[1], z: v[2] });
 const same = (a: unknown, b: unknown) => a === b || JSON.stringify(a) === JSON.stringify(b);
 
+/** Whether frames are coefficients, in either of their formats. */
+function isCoefficients(format: ColorFormat | undefined): boolean {
+  return (
+    format === ColorFormat.COLOR_COEFFICIENTS ||
+    format === ColorFormat.COLOR_COEFFICIENTS_PACKED
+  );
+}
+
 export class Viewer {
   readonly canvas: HTMLCanvasElement;
   readonly pictureCanvas: HTMLCanvasElement;
@@ -416,7 +424,10 @@ export class Viewer {
     // Coefficients are of the albedo that was baked; colours are of the variant's.
     const factored =
       this.factors && this.coefficients && state.term !== "irradiance" && !this.mesh?.gained;
-    if (factored) return ColorFormat.COLOR_COEFFICIENTS;
+    if (factored)
+      return this.client.has("coefficients-packed")
+        ? ColorFormat.COLOR_COEFFICIENTS_PACKED
+        : ColorFormat.COLOR_COEFFICIENTS;
     // Planes of a phase function and of exit have negative numbers, which RGB9E5 has not.
     const exits = this.info?.exitPlanes && !this.awaitsFactors;
     return exits || !this.scattersEvenly(state)
@@ -471,7 +482,7 @@ export class Viewer {
       frame: (frame, bytes, latency) => this.received(frame, bytes, latency, colors, why),
       error: (error) => this.events.fault(error),
     });
-    const levels = !colors || this.sentFormat === ColorFormat.COLOR_COEFFICIENTS;
+    const levels = !colors || isCoefficients(this.sentFormat);
     this.view.useLevels(levels);
     this.update(state);
   }
@@ -566,9 +577,9 @@ export class Viewer {
       out.options = { colorFormat: format };
       fields.push("options.color_format");
       this.sentFormat = format;
-      this.view?.useLevels(format === ColorFormat.COLOR_COEFFICIENTS);
+      this.view?.useLevels(isCoefficients(format));
     }
-    const rank = format === ColorFormat.COLOR_COEFFICIENTS ? (LEVELS[level]?.rank ?? 0) : 0;
+    const rank = isCoefficients(format) ? (LEVELS[level]?.rank ?? 0) : 0;
     if (this.status.mode !== "pictures" && rank !== this.sentRank) {
       out.options = { ...out.options, mostRank: rank };
       fields.push("options.most_rank");
@@ -631,10 +642,7 @@ export class Viewer {
     this.outgoing = light?.outgoing ?? colors.outgoing;
     if (!light) this.drawVertexColors(stage, colors, payload);
     else if (factors && light.factors === factors.hash) {
-      const { nPlane, planeBytes } = colors;
-      stage.beforeNext(() =>
-        factors.multiply(stage.renderer, light, payload, nPlane, Number(planeBytes)),
-      );
+      stage.beforeNext(() => factors.multiply(stage.renderer, light, colors, payload));
       stage.setColors(factors.vertexTexture(light));
     } else {
       this.meshOf = ""; // another bake: its mesh and factors are fetched
@@ -677,7 +685,7 @@ export class Viewer {
 
   private stream(frame: ViewFrame): string {
     const format = frame.colors?.format;
-    return format === ColorFormat.COLOR_COEFFICIENTS
+    return isCoefficients(format)
       ? "coefficients"
       : format === ColorFormat.COLOR_F16
         ? "colours, halves"
