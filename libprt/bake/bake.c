@@ -26,17 +26,17 @@ static const uint32_t default_rank = 72; // chosen, not measured
 // default_rank in each. 48 in each of a slab's eight clusters left 1.18 % where 1 % is allowed.
 static const uint32_t joint_rank = 64;
 static const uint32_t joint_columns = 3072;
-// Vertices of a cluster. A joint bake's U serves every medium and needs more columns than one
-// medium does: fewer in smaller clusters. Chosen, not measured.
-static const uint32_t cluster_vertices = 640, joint_cluster_vertices = 320;
+// Vertices of a cluster. In clusters of 640 the rank limits single scattering: that of the
+// bunny (35k vertices, 50 mm, marble) under studio errs by 4.0 %, in clusters of 320 by 3.0 %,
+// in as many bytes. Walks' answers are smoothed over a cluster.
+static const uint32_t cluster_vertices = 320, walk_cluster_vertices = 640;
 static const uint32_t most_clusters = 128; // of a large model; twice as many of a joint bake
-// Clusters of a model of fewer vertices than cluster_vertices times few_clusters, and the least
-// vertices of one. With 640 vertices a cluster the rank limited single scattering: spot, 3225
-// vertices, 50 mm, marble, under sunrise 6.4 %; with 64 it is 5.1 % in the same bytes. The
-// answers of walks are smoothed over a cluster, which has to be larger for that; spot's joint
-// bake by walks has a noise of 2.4 % with 320 vertices a cluster and 2.6 % with 160: it keeps
-// 320.
-static const uint32_t few_clusters = 54, least_cluster = 64, least_walk_cluster = 160;
+// Clusters of a model of fewer vertices, and the least vertices of one. Spot (3225 vertices, 50
+// mm, marble) under sunrise: 6.4 % in clusters of 640, 5.1 % in clusters of 64, in the same
+// bytes; a dragon of 5891 in clusters of 109 6.9 %, of 64 6.2 %. Joint bakes by walks keep 320:
+// spot's has a noise of 2.4 % then, and 2.6 % with 160.
+static const uint32_t few_clusters = 108, least_cluster = 64;
+static const uint32_t few_walk_clusters = 54, least_walk_cluster = 160;
 // Irradiance samples when --samples does not say: at least W05's number. Beyond the most the
 // near-field cells keep the integral right, and the user is warned.
 static const double few_samples = 90000, least_samples = 150000, most_samples = 600000;
@@ -185,11 +185,13 @@ uint32_t prt_bake_patterns(const struct prt_bake_options *o)
 uint32_t prt_bake_cluster_size(const struct bake *b)
 {
     const bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
-    const uint32_t n = joint ? b->mesh->n_vertex / 2 : b->mesh->n_vertex;
-    const uint32_t large = n / most_clusters + 1, small = n / few_clusters;
-    const uint32_t usual = joint ? joint_cluster_vertices : cluster_vertices;
+    const bool walks = b->o.scattering == PRT_SCATTERING_WALK, fixed_walks = walks && !joint;
+    const uint32_t n = b->mesh->n_vertex;
+    const uint32_t large = n / (joint ? 2 * most_clusters : most_clusters) + 1;
+    const uint32_t small = n / (fixed_walks ? few_walk_clusters : few_clusters);
+    const uint32_t usual = fixed_walks ? walk_cluster_vertices : cluster_vertices;
     uint32_t least = least_cluster;
-    if (b->o.scattering == PRT_SCATTERING_WALK) least = joint ? usual : least_walk_cluster;
+    if (walks) least = joint ? usual : least_walk_cluster;
     if (small < usual) return small < least ? least : small;
     return large < usual ? usual : large;
 }
