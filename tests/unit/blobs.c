@@ -560,6 +560,118 @@ static void test_eviction_within_shares(void **state)
     close_store(&s);
 }
 
+// Who is above its share still takes the room of blobs that have no owner any more.
+static void test_room_of_nobody(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char lost[65], hash[65], path[4096 + 8];
+    s.setup.keep_s = 0;
+    s.options.disk = 6 * 16384;
+    s.options.client_disk = 0;
+    reopen_store(&s);
+    put_whole(&s, "bob", 'o', 12288, lost);
+    blobs_path(s.blobs, lost, path, sizeof path);
+    strcat(path, ".owner");
+    close_store(&s);
+    assert_int_equal(unlink(path), 0);
+    open_store(&s);
+    assert_int_equal(disk_bytes_of(s.ledger, DISK_NOBODY), 16384);
+    put_whole(&s, "carl", 'c', 12288, hash);
+    for (int i = 0; i < 4; i++) put_whole(&s, "ann", (char)('p' + i), 12288, hash);
+    assert_true(blobs_has(s.blobs, lost));
+    put_whole(&s, "ann", 'z', 12288, hash);
+    assert_false(blobs_has(s.blobs, lost));
+    assert_int_equal(disk_bytes_of(s.ledger, "ann"), 5 * 16384);
+    assert_int_equal(disk_bytes_of(s.ledger, "carl"), 16384);
+    close_store(&s);
+}
+
+// A promise beyond --disk is refused whatever is evicted: so nothing is.
+static void test_what_never_fits_evicts_nothing(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], large[65];
+    s.setup.keep_s = 0;
+    s.options.disk = MB;
+    s.options.client_disk = 4 * MB;
+    reopen_store(&s);
+    put_whole(&s, "bob", 'b', 700000, hash); // above its share while two want room
+    memset(large, 'f', 64);
+    struct sent sent = put(&s, "ann", large, 2 * MB, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_non_null(strstr(sent.put.error, "--disk"));
+    assert_true(blobs_has(s.blobs, hash));
+    close_store(&s);
+}
+
+static void test_largest_blob(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65];
+    s.setup.max_blob = 5000;
+    reopen_store(&s);
+    put_whole(&s, "ann", 'm', 5000, hash);
+    memset(hash, 'f', 64);
+    struct sent sent = put(&s, "ann", hash, 5001, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_non_null(strstr(sent.put.error, "allowed range 1 to 5000"));
+    close_store(&s);
+}
+
+// A time of use is written though an upload has arrived since.
+static void test_use_before_an_upload_is_kept(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char first[65], second[65], hash[65];
+    s.setup.keep_s = 0;
+    s.options.client_disk = 3 * 16384;
+    reopen_store(&s);
+    put_whole(&s, "ann", 'a', 12288, first);
+    put_whole(&s, "ann", 'b', 12288, second);
+    blobs_maintain(s.blobs);
+    turn_until_idle(&s);
+    blobs_touch(s.blobs, first);
+    put_whole(&s, "ann", 'c', 12288, hash);
+    reopen_store(&s);
+    put_whole(&s, "ann", 'd', 12288, hash);
+    assert_true(blobs_has(s.blobs, first));
+    assert_false(blobs_has(s.blobs, second));
+    close_store(&s);
+}
+
+// However many principals upload the same bytes, the names kept of them are bounded.
+static void test_names_of_many(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], who[32], name[256], path[4096 + 8], last[32] = "";
+    unsigned n_named = 0;
+    put_whole(&s, "ann", 'n', 100, hash);
+    for (int i = 0; i < 400; i++) {
+        snprintf(who, sizeof who, "principal %d", i);
+        assert_true(put(&s, who, hash, 100, 0, NULL, 0).put.complete);
+        blobs_name(s.blobs, who, hash, name, sizeof name);
+        if (strncmp(name, who, strlen(who))) break;
+        n_named++;
+        strcpy(last, who);
+    }
+    assert_in_range(n_named, 100, 200);
+    turn_until_idle(&s);
+    struct stat st;
+    blobs_path(s.blobs, hash, path, sizeof path);
+    strcat(path, ".owner");
+    assert_int_equal(stat(path, &st), 0);
+    assert_in_range(st.st_size, 2000, 4096);
+    reopen_store(&s);
+    blobs_name(s.blobs, last, hash, name, sizeof name);
+    assert_int_equal(strncmp(name, last, strlen(last)), 0);
+    close_store(&s);
+}
+
 static void test_index_of_many(void **state)
 {
     enum { N = 3000 };
@@ -681,6 +793,11 @@ int main(void)
         cmocka_unit_test(test_names_and_owners),
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_eviction_within_shares),
+        cmocka_unit_test(test_room_of_nobody),
+        cmocka_unit_test(test_what_never_fits_evicts_nothing),
+        cmocka_unit_test(test_largest_blob),
+        cmocka_unit_test(test_use_before_an_upload_is_kept),
+        cmocka_unit_test(test_names_of_many),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
         cmocka_unit_test(test_puts_are_freed_when_done),

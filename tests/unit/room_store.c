@@ -255,6 +255,36 @@ static void lists_and_closed_rooms(void **state)
     store->api->close(store);
 }
 
+// The room that changed last comes first, and a short list has the newest alone.
+static void the_newest_room_comes_first(void **state)
+{
+    static const char ids[] = "abc";
+    struct room_summary summary = {.name = "one", .owner = "token:ann"};
+    open_store();
+    for (uint64_t i = 0; i < 3; i++) {
+        struct room_task add = append_task(1);
+        add.room[0] = ids[i];
+        add.time_us = 10 + i;
+        add.summary = &summary;
+        run(&add);
+    }
+    struct room_task next = append_task(2); // the first one changes again
+    next.room[0] = ids[0];
+    next.time_us = 20;
+    run(&next);
+    assert_int_equal(next.status, ROOM_TASK_DONE);
+    for (unsigned most = 1; most < 5; most++) {
+        struct room_task list = {.kind = ROOM_TASK_LIST, .most = most};
+        run(&list);
+        assert_int_equal(list.n_row, most < 3 ? most : 3);
+        for (size_t i = 0; i < list.n_row; i++) assert_int_equal(list.row[i].room[0], "acb"[i]);
+        assert_int_equal(list.row[0].created_us, 10);
+        assert_int_equal(list.row[0].changed_us, 20);
+        room_task_finish(&list);
+    }
+    store->api->close(store);
+}
+
 // ---- what rooms need of the disk
 
 static const char needs[] = "\nabc\ndef\n";
@@ -459,6 +489,7 @@ int main(void)
         const struct CMUnitTest tests[] = {
             cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
             cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+            cmocka_unit_test_setup_teardown(the_newest_room_comes_first, setup, teardown),
             cmocka_unit_test_setup_teardown(needs_are_written_with_the_event, setup, teardown),
             cmocka_unit_test_setup_teardown(another_replica_hears, setup, teardown),
             cmocka_unit_test_setup_teardown(connections_are_lost, setup, teardown),
@@ -473,6 +504,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(other_files_are_refused, setup, teardown),
         cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
         cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+        cmocka_unit_test_setup_teardown(the_newest_room_comes_first, setup, teardown),
         cmocka_unit_test_setup_teardown(needs_are_written_with_the_event, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
