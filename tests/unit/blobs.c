@@ -19,7 +19,7 @@
 #include "core/options.h"
 #include "frame.h"
 #include "relight.pb-c.h"
-#include "store/blobs.h"
+#include "store/blob_index.h"
 #include "store/disk.h"
 
 static char folder[] = "/tmp/blobs-test-XXXXXX";
@@ -643,6 +643,35 @@ static void test_use_before_an_upload_is_kept(void **state)
     close_store(&s);
 }
 
+// Nor is it lost by one that was fetched from the folder of all replicas.
+static void test_use_before_a_fetch_is_kept(void **state)
+{
+    struct store s;
+    new_store(&s);
+    static const char bytes[] = "from another replica";
+    char first[65], second[65], fetched[65], path[4096], hash[65];
+    s.setup.keep_s = 0;
+    s.options.client_disk = 2 * 16384;
+    reopen_store(&s);
+    put_whole(&s, "ann", 'a', 12288, first);
+    put_whole(&s, "ann", 'b', 12288, second);
+    blobs_maintain(s.blobs);
+    turn_until_idle(&s);
+    blobs_touch(s.blobs, first);
+    hash_of(bytes, sizeof bytes, fetched);
+    blobs_path(s.blobs, fetched, path, sizeof path);
+    int fd = open(path, O_CREAT | O_WRONLY, 0600);
+    assert_int_equal(write(fd, bytes, sizeof bytes), sizeof bytes);
+    close(fd);
+    assert_int_equal(blob_adopt(s.blobs, fetched, sizeof bytes), 0);
+    reopen_store(&s);
+    assert_true(blobs_has(s.blobs, fetched));
+    put_whole(&s, "ann", 'd', 12288, hash);
+    assert_true(blobs_has(s.blobs, first));
+    assert_false(blobs_has(s.blobs, second));
+    close_store(&s);
+}
+
 // However many principals upload the same bytes, the names kept of them are bounded.
 static void test_names_of_many(void **state)
 {
@@ -797,6 +826,7 @@ int main(void)
         cmocka_unit_test(test_what_never_fits_evicts_nothing),
         cmocka_unit_test(test_largest_blob),
         cmocka_unit_test(test_use_before_an_upload_is_kept),
+        cmocka_unit_test(test_use_before_a_fetch_is_kept),
         cmocka_unit_test(test_names_of_many),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
