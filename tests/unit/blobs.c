@@ -4,6 +4,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <semaphore.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -461,6 +462,44 @@ static void test_blobs_are_checked_before_first_use(void **state)
     close_store(&s);
 }
 
+static sem_t let_go;
+
+static int run_blocker(struct work *work, const struct prt_context *ctx)
+{
+    while (sem_wait(&let_go)) continue;
+    return 0;
+}
+
+static void blocker_done(struct work *work)
+{
+}
+
+// Of two who wait for a check one leaves before it begins: the other is woken all the same.
+static void test_one_of_two_leaves_a_check(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65];
+    struct work blocker[2] = {{.run = run_blocker, .done = blocker_done}}; // both workers
+    blocker[1] = blocker[0];
+    put_whole(&s, "ann", 'g', 5000, hash);
+    assert_int_equal(sem_init(&let_go, 0, 0), 0);
+    for (int first = 0; first < 2; first++) {
+        struct waiter w[2] = {{.waiter.wake = woken}, {.waiter.wake = woken}};
+        reopen_store(&s); // it was not checked yet
+        for (int i = 0; i < 2; i++) work_submit(s.work, &blocker[i]);
+        for (int i = 0; i < 2; i++) blobs_check(s.blobs, hash, &w[i].waiter);
+        blobs_check_leave(s.blobs, hash, &w[first].waiter);
+        for (int i = 0; i < 2; i++) sem_post(&let_go);
+        turn_until_idle(&s);
+        assert_false(w[first].woken);
+        assert_true(w[!first].woken);
+        assert_true(check(&s, hash));
+    }
+    close_store(&s);
+    sem_destroy(&let_go);
+}
+
 static void test_names_and_owners(void **state)
 {
     struct store s;
@@ -754,6 +793,27 @@ static void test_abandoned_chunks(void **state)
     close_store(&s);
 }
 
+// The last chunk that waits is abandoned: the next one is served.
+static void test_chunk_after_an_abandoned_one(void **state)
+{
+    struct store s;
+    new_store(&s);
+    enum { PIECE = 100000 };
+    static struct sent sent[3];
+    static char bytes[2 * PIECE];
+    char hash[65];
+    hash_of(bytes, sizeof bytes, hash);
+    begin_put(&s, &sent[0], "ann", hash, sizeof bytes, 0, bytes, PIECE);
+    begin_put(&s, &sent[1], "ann", hash, sizeof bytes, PIECE, bytes + PIECE, PIECE);
+    blobs_put_abandon(&sent[1].put);
+    assert_true(sent[1].done);
+    begin_put(&s, &sent[2], "ann", hash, sizeof bytes, PIECE, bytes + PIECE, PIECE);
+    turn_until_idle(&s);
+    assert_true(sent[0].done && sent[2].done);
+    assert_true(sent[2].put.complete);
+    close_store(&s);
+}
+
 static int setup(void **state)
 {
     return mkdtemp(folder) ? 0 : -1;
@@ -819,6 +879,7 @@ int main(void)
         cmocka_unit_test(test_the_longest_idle_upload_goes),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
+        cmocka_unit_test(test_one_of_two_leaves_a_check),
         cmocka_unit_test(test_names_and_owners),
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_eviction_within_shares),
@@ -830,6 +891,7 @@ int main(void)
         cmocka_unit_test(test_names_of_many),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
+        cmocka_unit_test(test_chunk_after_an_abandoned_one),
         cmocka_unit_test(test_puts_are_freed_when_done),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -141,6 +141,32 @@ static void test_small_values_are_bounded(void **state)
     cache_destroy(cache);
 }
 
+// Results that are computed just now stay where only those that are there are forgotten.
+static void test_pending_ones_stay(void **state)
+{
+    struct cache *cache;
+    bool fresh;
+    assert_int_equal(cache_create(1 << 20, &cache), 0);
+    use(cache, "model/1");
+    struct cache_entry *pending = cache_get(cache, "model/2", &fresh);
+    cache_forget(cache, "model/", false);
+    assert_false(is_there(cache, "model/1"));
+    struct cache_entry *same = cache_get(cache, "model/2", &fresh);
+    assert_ptr_equal(same, pending);
+    assert_false(fresh);
+    cache_fill(pending, malloc(VALUE), VALUE, destroy);
+    cache_release(same);
+    cache_release(pending);
+    assert_true(is_there(cache, "model/2"));
+    pending = cache_get(cache, "model/3", &fresh);
+    cache_forget(cache, "model/", true);
+    assert_false(is_there(cache, "model/2") || is_there(cache, "model/3"));
+    cache_fill(pending, malloc(VALUE), VALUE, destroy);
+    cache_release(pending);
+    assert_int_equal(bytes_of(cache), 0);
+    cache_destroy(cache);
+}
+
 static unsigned longest_chain(const struct cache_entry *const *entry, unsigned n)
 {
     unsigned longest = 0;
@@ -380,6 +406,7 @@ int main(void)
         cmocka_unit_test(test_budget_is_exact),
         cmocka_unit_test(test_every_state_is_counted),
         cmocka_unit_test(test_small_values_are_bounded),
+        cmocka_unit_test(test_pending_ones_stay),
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
         cmocka_unit_test(test_room_is_promised),
