@@ -240,6 +240,30 @@ static void test_tokens_as_text(void **state)
     tokens_finish(&store);
 }
 
+// The list is bounded; what goes leaves its place.
+static void test_most_tokens(void **state)
+{
+    struct token_store store = {0};
+    struct token token = {.scopes = SCOPE_VIEW};
+    char fault[256] = "";
+    for (int i = 0; i < TOKENS_MAX; i++) {
+        snprintf(token.name, sizeof token.name, "t%d", i);
+        assert_non_null(token_add(&store, &token, fault));
+    }
+    for (int i = 0; i < 2; i++) {
+        strcpy(token.name, "more");
+        assert_null(token_add(&store, &token, fault));
+        assert_non_null(strstr(fault, "1000 tokens"));
+        token_remove(&store, token_find(&store, i ? "t999" : "t500"));
+        snprintf(token.name, sizeof token.name, "again%d", i);
+        assert_non_null(token_add(&store, &token, fault));
+    }
+    assert_int_equal(store.n, TOKENS_MAX);
+    assert_null(token_find(&store, "t500"));
+    assert_non_null(token_find(&store, "t998"));
+    tokens_finish(&store);
+}
+
 // A token whose answer is on its way is not valid yet, whatever list is read meanwhile.
 static void test_pending_token(void **state)
 {
@@ -383,6 +407,7 @@ int main(void)
         cmocka_unit_test(test_rate),
         cmocka_unit_test(test_tokens_as_text),
         cmocka_unit_test(test_pending_token),
+        cmocka_unit_test(test_most_tokens),
         cmocka_unit_test(test_guessed_invitations),
         cmocka_unit_test(test_revoked_invitations),
         cmocka_unit_test(test_expired_invitations),
