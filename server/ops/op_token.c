@@ -192,6 +192,7 @@ static void created(struct change *c, struct request *request)
         return;
     }
     bool first = access_commit(server->access, t);
+    ledger_update_quotas(server->ledger); // an earlier token of this name may still hold things
     struct connection *conn = request->conn;
     struct info_room room;
     char scopes[64];

@@ -558,7 +558,9 @@ int blob_adopt(struct blobs *blobs, const char *hash, uint64_t size)
 {
     struct stat st = {.st_size = (off_t)size};
     clock_gettime(CLOCK_REALTIME, &st.st_mtim);
-    return recover_blob(blobs, hash, &st);
+    int err = recover_blob(blobs, hash, &st);
+    if (!err) blob_find(blobs, hash)->touched = true; // in one run with those used since
+    return err;
 }
 
 struct found {

@@ -514,7 +514,33 @@ static void test_quotas(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// Requests a second: BUSY says truly when the next one passes; PING always does.
+// A token of a name that was used before has its own quotas, though the earlier one's uploads
+// are there still.
+static void test_quotas_of_a_name_used_again(void **state)
+{
+    char secret[RELIGHT_SECRET], hash[65];
+    static char big[2 << 20];
+    struct relight_error error;
+    struct relight_client *client;
+    const struct relight_quotas quotas = {.disk = 1 << 20, .connections = 1};
+    daemon_start(&d, NULL);
+    struct relight_client *admin = client_open(d.address);
+    create(admin, "again", work, 0, NULL, secret);
+    client = open_tcp(secret);
+    OK(relight_upload(client, "small.bin", "small", 5, NULL, NULL, hash, NULL, &error));
+    relight_close(client);
+    OK(relight_token_revoke(admin, "again", NULL, &error));
+    create(admin, "again", work, 0, &quotas, secret);
+    client = open_tcp(secret);
+    expect(relight_upload(client, "big.bin", big, sizeof big, NULL, NULL, hash, NULL, &error),
+           RELIGHT_E_LIMIT, &error, "quota");
+    struct relight_client *more;
+    expect(connect_tcp(secret, &more, &error), RELIGHT_E_BUSY, &error, "quota");
+    relight_close(client);
+    relight_close(admin);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // Bakes that wait or run, and bytes that requests hold.
 static void test_bakes_and_memory(void **state)
 {
@@ -548,6 +574,7 @@ static void test_bakes_and_memory(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// Requests a second: BUSY says truly when the next one passes; PING always does.
 static void test_rate(void **state)
 {
     char secret[RELIGHT_SECRET];
@@ -691,6 +718,7 @@ int main(void)
         cmocka_unit_test_teardown(test_scopes, after_each),
         cmocka_unit_test_teardown(test_owners, after_each),
         cmocka_unit_test_teardown(test_quotas, after_each),
+        cmocka_unit_test_teardown(test_quotas_of_a_name_used_again, after_each),
         cmocka_unit_test_teardown(test_bakes_and_memory, after_each),
         cmocka_unit_test_teardown(test_rate, after_each),
         cmocka_unit_test_teardown(test_guesses, after_each),

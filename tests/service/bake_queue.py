@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """--bake-queue bakes wait or run and one more is refused; a cancelled one leaves its place, waiting or
-running, and the next takes it.
+running, and the next takes it. --bakes of them run at a time.
 
    tests/service/bake_queue.py BIN"""
 import json
@@ -21,10 +21,15 @@ def load(name, status=0):
     return done.said if status else json.loads(done.stdout)['job']
 
 
+def number(name):
+    return json.loads(relight('stats', '--json').stdout)['relightd_jobs_' + name]
+
+
 def places():
     glb('ball.glb', [], {})
     with daemon('--data', 'data', '--bakes', '1', '--bake-queue', str(PLACES)):
         jobs = [load('x' * (i + 1)) for i in range(PLACES)]
+        expect(number('running') == 1 and number('open') == PLACES, '%d run' % number('running'))
         for round_ in range(PLACES + 1):
             said = load('refused', status=1)
             expect("daemon's limit of %d (--bake-queue)" % PLACES in said, 'one too many: ' + said)
@@ -39,4 +44,16 @@ def places():
             relight('cancel', job)
 
 
-main(places)
+def side_by_side():
+    with daemon('--data', 'pairs', '--bakes', '2'):
+        jobs = [load('x' * (i + 1)) for i in range(4)]
+        for left in (4, 3):
+            expect(number('running') == 2, '%d of %d run' % (number('running'), left))
+            relight('cancel', jobs[0])
+            relight('watch', jobs.pop(0), status=1)
+        expect(number('running') == 2 and number('open') == 2, '%d of the last two run' % number('running'))
+        for job in jobs:
+            relight('cancel', job)
+
+
+main(places, side_by_side)

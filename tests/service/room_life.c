@@ -320,12 +320,13 @@ static void a_cursor_resumes(void **unused)
 
 // ---- rights
 
-static void make_token(const char *name, const char *scope, char secret[RELIGHT_SECRET])
+// n_scope: view alone, or edit, too.
+static void make_token(const char *name, size_t n_scope, char secret[RELIGHT_SECRET])
 {
     struct relight_client *client = client_open(d.address);
     struct relight_error error;
-    const char *scopes[] = {scope};
-    struct relight_token_order order = {.name = name, .scope = scopes, .n_scope = 1};
+    const char *scopes[] = {"view", "edit"};
+    struct relight_token_order order = {.name = name, .scope = scopes, .n_scope = n_scope};
     OK(relight_token_create(client, &order, secret, &error));
     relight_close(client);
 }
@@ -358,7 +359,7 @@ static void members_and_scopes(void **unused)
     struct frames *owner = frames_open(&d);
     char room[33], bob_secret[RELIGHT_SECRET], text[512];
     room_create(owner, "members", room);
-    make_token("bob", "view", bob_secret);
+    make_token("bob", 1, bob_secret);
     struct frames *bob = frames_token(&d, bob_secret, NULL);
     int code;
     // A room of others is not there.
@@ -422,13 +423,8 @@ static void a_new_role_is_seen(void **unused)
 {
     begin(NULL);
     struct frames *owner = frames_open(&d), *watch = frames_open(&d);
-    struct relight_client *client = client_open(d.address);
-    struct relight_error error;
-    const char *scopes[] = {"view", "edit"};
-    struct relight_token_order order = {.name = "eve", .scope = scopes, .n_scope = 2};
     char room[33], secret[RELIGHT_SECRET];
-    OK(relight_token_create(client, &order, secret, &error));
-    relight_close(client);
+    make_token("eve", 2, secret);
     room_create(owner, "roles", room);
     assert_int_equal(set_member(owner, room, "token:eve", RELIGHT__ROOM_ROLE__ROLE_VIEWER), 0);
     struct frames *eve = frames_token(&d, secret, NULL);
@@ -548,6 +544,174 @@ static void guests(void **unused)
     assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
     assert_non_null(strstr(token_text, "expired: ask the room's owner for another"));
     frames_close(guest);
+    end();
+}
+
+// The caller's role in the first room of its list.
+static int role_in_list(struct frames *f)
+{
+    Relight__RoomListRequest m = RELIGHT__ROOM_LIST_REQUEST__INIT;
+    frames_add(f, RELIGHT_TYPE_ROOM_LIST, 8, &m.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 8);
+    if (r.code) fail_msg("ROOM_LIST: %s", r.text);
+    const Relight__RoomListAnswer *a = (Relight__RoomListAnswer *)r.message;
+    assert_int_equal(a->n_rooms, 1);
+    int role = (int)a->rooms[0]->role;
+    reply_free(&r);
+    return role;
+}
+
+// The list tells what each may do: a token that may only look is a viewer's, whatever the room
+// says, and an invitation is its own.
+static void the_list_tells_roles(void **unused)
+{
+    static const int reviewer = RELIGHT__ROOM_ROLE__ROLE_REVIEWER,
+                     viewer = RELIGHT__ROOM_ROLE__ROLE_VIEWER;
+    begin(NULL);
+    struct frames *owner = frames_open(&d), *f;
+    char room[33], secret[RELIGHT_SECRET];
+    uint64_t at;
+    room_create(owner, "roles", room);
+    assert_int_equal(role_in_list(owner), RELIGHT__ROOM_ROLE__ROLE_OWNER);
+    make_token("bob", 1, secret);
+    for (int role = viewer; role <= reviewer; role++) {
+        assert_int_equal(set_member(owner, room, "token:bob", role), 0);
+        f = frames_token(&d, secret, NULL);
+        assert_int_equal(role_in_list(f), viewer);
+        frames_close(f);
+    }
+    make_token("eve", 2, secret);
+    for (int role = viewer; role <= reviewer; role++) {
+        assert_int_equal(set_member(owner, room, "token:eve", role), 0);
+        f = frames_token(&d, secret, NULL);
+        assert_int_equal(role_in_list(f), role);
+        frames_close(f);
+        char guest[64];
+        assert_int_equal(invite(owner, room, role, 0, guest, &at), 0);
+        f = frames_token(&d, guest, NULL);
+        assert_int_equal(role_in_list(f), role);
+        frames_close(f);
+    }
+    frames_close(owner);
+    end();
+}
+
+static void show_model(struct frames *f, const char *room, const char *model)
+{
+    Relight__Scene scene = RELIGHT__SCENE__INIT;
+    Relight__SceneChange change = RELIGHT__SCENE_CHANGE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    char *parts[] = {"model"}, text[512];
+    scene.model = (char *)model;
+    change.scene = &scene;
+    change.parts = parts;
+    change.n_parts = 1;
+    action.scene = &change;
+    if (room_edit_now(f, room, &action, NULL, text)) fail_msg("%s", text);
+}
+
+// An octahedron whose first vertex is at x; its id.
+static void load_preview(struct relight_client *client, const char *x, char id[ID_SIZE])
+{
+    struct relight_error error;
+    struct relight_loaded loaded;
+    char text[sizeof octahedron + 16], hash[65];
+    snprintf(text, sizeof text, "v %s 0 0%s", x, strchr(octahedron, '\n'));
+    OK(relight_upload(client, "o.obj", text, strlen(text), NULL, NULL, hash, NULL, &error));
+    struct relight_file file = {"o.obj", hash};
+    struct relight_load load = {.n_file = 1, .files = &file, .size_mm = 10, .preview = true};
+    OK(relight_load(client, &load, &loaded, &error));
+    snprintf(id, ID_SIZE, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+}
+
+static int info_code(struct frames *f, const char *model)
+{
+    Relight__InfoRequest info = RELIGHT__INFO_REQUEST__INIT;
+    info.model = (char *)model;
+    frames_add(f, RELIGHT_TYPE_INFO, 11, &info.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 11);
+    int code = r.code;
+    reply_free(&r);
+    return code;
+}
+
+// A guest sees the models of the room's scene and of its revisions, and no other.
+static void a_guest_sees_the_rooms_models(void **unused)
+{
+    enum { SAVED, NEITHER, SHOWN, N };
+    begin(NULL);
+    struct frames *owner = frames_open(&d);
+    struct relight_client *client = client_open(d.address);
+    char room[33], secret[64], id[N][ID_SIZE];
+    uint64_t at;
+    Relight__SaveRevision save = RELIGHT__SAVE_REVISION__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    load_preview(client, "1.5", id[SAVED]);
+    load_preview(client, "2.5", id[NEITHER]);
+    load_preview(client, "3.5", id[SHOWN]);
+    room_create(owner, "models", room);
+    show_model(owner, room, id[SAVED]);
+    action.save = &save;
+    assert_int_equal(room_edit_now(owner, room, &action, NULL, NULL), 0);
+    show_model(owner, room, id[NEITHER]); // for a moment
+    show_model(owner, room, id[SHOWN]);
+    assert_int_equal(invite(owner, room, RELIGHT__ROOM_ROLE__ROLE_VIEWER, 0, secret, &at), 0);
+    struct frames *guest = frames_token(&d, secret, NULL);
+    assert_int_equal(info_code(guest, id[SHOWN]), 0);
+    assert_int_equal(info_code(guest, id[SAVED]), 0);
+    assert_int_equal(info_code(guest, id[NEITHER]), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    assert_int_equal(info_code(owner, id[NEITHER]), 0);
+    frames_close(guest);
+    frames_close(owner);
+    relight_close(client);
+    end();
+}
+
+// ROOM_CREATE's code.
+static int try_room(struct frames *f)
+{
+    Relight__RoomCreateRequest m = RELIGHT__ROOM_CREATE_REQUEST__INIT;
+    m.name = "one more";
+    m.me = "Ann";
+    frames_add(f, RELIGHT_TYPE_ROOM_CREATE, 5, &m.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 5);
+    int code = r.code;
+    reply_free(&r);
+    return code;
+}
+
+// Rooms count for their owner over restarts, closed ones too, until they are deleted.
+static void rooms_are_counted(void **unused)
+{
+    static const char *const extra[] = {"--client-rooms", "3", NULL}, *const brief[] = {
+                                                                          "--client-rooms", "3",
+                                                                          "--rooms-keep",
+                                                                          "0.001", NULL};
+    char room[33];
+    begin(extra);
+    struct frames *f = frames_open(&d);
+    room_create(f, "first", room);
+    for (int i = 0; i < 2; i++) assert_int_equal(try_room(f), 0);
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    Relight__RoomClose close = RELIGHT__ROOM_CLOSE__INIT;
+    close.closed = true;
+    action.close = &close;
+    assert_int_equal(room_edit_now(f, room, &action, NULL, NULL), 0);
+    for (int start = 0; start < 2; start++) {
+        assert_int_equal(try_room(f), RELIGHT__ERROR_CODE__ERROR_LIMIT);
+        frames_close(f);
+        assert_int_equal(daemon_stop(&d), 0);
+        daemon_start(&d, start ? brief : extra);
+        f = frames_open(&d);
+    }
+    assert_true(log_says(&d, "deleted=closed", 20000));
+    assert_int_equal(try_room(f), 0);
+    assert_int_equal(try_room(f), RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    frames_close(f);
     end();
 }
 
@@ -674,6 +838,9 @@ int main(void)
         cmocka_unit_test_teardown(members_and_scopes, teardown),
         cmocka_unit_test_teardown(a_new_role_is_seen, teardown),
         cmocka_unit_test_teardown(guests, teardown),
+        cmocka_unit_test_teardown(the_list_tells_roles, teardown),
+        cmocka_unit_test_teardown(a_guest_sees_the_rooms_models, teardown),
+        cmocka_unit_test_teardown(rooms_are_counted, teardown),
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
         cmocka_unit_test_teardown(backup, teardown),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The delay after wrong tokens, and scopes as words.
+// The delay after wrong tokens, scopes as words, tokens as text, and invitations.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -16,6 +17,7 @@
 #include "core/loop.h"
 #include "core/options.h"
 #include "core/token_store.h"
+#include "rooms/guests.h"
 
 static const uint64_t second = 1000000000;
 static struct guesses guesses;
@@ -195,12 +197,220 @@ static void test_rate(void **state)
     }
 }
 
+// What a restart or another replica reads of tokens is what was written.
+static void test_tokens_as_text(void **state)
+{
+    struct token_store store = {0}, again;
+    struct token first = {.name = "first",
+                          .scopes = SCOPE_VIEW | SCOPE_UPLOAD,
+                          .created_s = 1700000001,
+                          .expires_s = 1900000002,
+                          .by = "uid:1000",
+                          .rate = 2.5},
+                 plain = {
+                     .name = "plain", .scopes = SCOPE_ADMIN, .created_s = 5, .by = "uid:0"};
+    char fault[256] = "";
+    memset(first.hash, 0xa5, sizeof first.hash);
+    memset(plain.hash, 0x5a, sizeof plain.hash);
+    for (size_t i = 0; i < n_token_quota; i++) first.limit[token_quotas[i].resource] = 1000 + i;
+    assert_non_null(token_add(&store, &first, fault));
+    assert_non_null(token_add(&store, &plain, fault));
+    char *text = tokens_print(&store);
+    assert_non_null(text);
+    if (tokens_parse(text, strlen(text), &again, fault)) fail_msg("%s", fault);
+    assert_int_equal(again.n, 2);
+    for (size_t i = 0; i < 2; i++) {
+        const struct token *a = &store.token[i], *b = &again.token[i];
+        assert_string_equal(b->name, a->name);
+        assert_string_equal(b->by, a->by);
+        assert_memory_equal(b->hash, a->hash, sizeof a->hash);
+        assert_int_equal(b->scopes, a->scopes);
+        assert_int_equal(b->created_s, a->created_s);
+        assert_int_equal(b->expires_s, a->expires_s);
+        assert_true(b->rate == a->rate);
+        assert_memory_equal(b->limit, a->limit, sizeof a->limit);
+    }
+    // One that goes leaves the others in their order.
+    token_remove(&again, &again.token[0]);
+    assert_int_equal(again.n, 1);
+    assert_string_equal(again.token[0].name, "plain");
+    assert_null(token_find(&again, "first"));
+    free(text);
+    tokens_finish(&again);
+    tokens_finish(&store);
+}
+
+// The list is bounded; what goes leaves its place.
+static void test_most_tokens(void **state)
+{
+    struct token_store store = {0};
+    struct token token = {.scopes = SCOPE_VIEW};
+    char fault[256] = "";
+    for (int i = 0; i < TOKENS_MAX; i++) {
+        snprintf(token.name, sizeof token.name, "t%d", i);
+        assert_non_null(token_add(&store, &token, fault));
+    }
+    for (int i = 0; i < 2; i++) {
+        strcpy(token.name, "more");
+        assert_null(token_add(&store, &token, fault));
+        assert_non_null(strstr(fault, "1000 tokens"));
+        token_remove(&store, token_find(&store, i ? "t999" : "t500"));
+        snprintf(token.name, sizeof token.name, "again%d", i);
+        assert_non_null(token_add(&store, &token, fault));
+    }
+    assert_int_equal(store.n, TOKENS_MAX);
+    assert_null(token_find(&store, "t500"));
+    assert_non_null(token_find(&store, "t998"));
+    tokens_finish(&store);
+}
+
+// A token whose answer is on its way is not valid yet, whatever list is read meanwhile.
+static void test_pending_token(void **state)
+{
+    const struct options options = {.local_scopes = "view"};
+    static const char secret[] = "relight_secret";
+    struct access *access;
+    struct caller caller;
+    struct token token = {
+        .name = "new", .scopes = SCOPE_VIEW, .created_s = 1, .by = "x", .pending = true};
+    char fault[256];
+    uint32_t retry_ms;
+    assert_int_equal(access_create(&options, NULL, &access, fault), 0);
+    access_set_default(access, "sesame");
+    token_hash(secret, token.hash);
+    assert_non_null(token_add(access_store(access), &token, fault));
+    for (int read = 0; read < 2; read++) {
+        assert_int_equal(
+            access_check(access, "addr:192.0.2.7", secret, &caller, fault, &retry_ms),
+            ACCESS_WRONG);
+        char *text = tokens_print(access_store(access));
+        assert_int_equal(access_replace(access, text, strlen(text), fault), 0);
+        free(text);
+    }
+    access_commit(access, token_find(access_store(access), "new"));
+    assert_int_equal(access_check(access, "addr:192.0.2.7", secret, &caller, fault, &retry_ms),
+                     ACCESS_GRANTED);
+    access_destroy(access);
+}
+
+static unsigned n_looked_at;
+
+static enum access_verdict look_at_guest(void *user, const char *secret, struct caller *out,
+                                         char error[256])
+{
+    n_looked_at++;
+    return guests_check(user, secret, out, error);
+}
+
+static struct room_invite new_invite(uint64_t expires_s, char secret[GUEST_SECRET])
+{
+    struct room_invite invite = {.role = 1, .expires_s = expires_s};
+    char id[GUEST_ID + 1];
+    guest_generate(id, secret, invite.hash);
+    strcpy(invite.id, id);
+    return invite;
+}
+
+// Wrong invitations are guesses: no other is looked at before the delay is over.
+static void test_guessed_invitations(void **state)
+{
+    const struct options options = {.local_scopes = "view"};
+    struct guests guests = {0};
+    struct access *access;
+    struct caller caller;
+    char fault[256], secret[GUEST_SECRET], wrong[GUEST_SECRET];
+    uint32_t retry_ms;
+    assert_int_equal(access_create(&options, NULL, &access, fault), 0);
+    access_set_default(access, "sesame");
+    access_set_guests(access, look_at_guest, guests_current, &guests);
+    struct room_invite invite = new_invite(0, secret);
+    assert_true(guests_add(&guests, "room", &invite));
+    n_looked_at = 0;
+    uint64_t last_ns = 0;
+    for (unsigned i = 0; i < GUESSES_FREE; i++) {
+        new_invite(0, wrong);
+        last_ns = loop_now_ns();
+        assert_int_equal(
+            access_check(access, "addr:192.0.2.7", wrong, &caller, fault, &retry_ms),
+            ACCESS_WRONG);
+        assert_int_equal(n_looked_at, i + 1);
+    }
+    int verdict = access_check(access, "addr:192.0.2.7", secret, &caller, fault, &retry_ms);
+    if (loop_now_ns() - last_ns >= second) skip(); // the machine stood still
+    assert_int_equal(verdict, ACCESS_LATER);
+    assert_in_range(retry_ms, 1, 1000);
+    assert_int_equal(n_looked_at, GUESSES_FREE);
+    assert_int_equal(access_check(access, "addr:192.0.2.8", secret, &caller, fault, &retry_ms),
+                     ACCESS_GRANTED); // from elsewhere
+    assert_int_equal(caller.scopes, SCOPE_VIEW);
+    access_destroy(access);
+    guests_finish(&guests);
+}
+
+// Each invitation of a room goes alone, whichever it is, and those of other rooms stay.
+static void test_revoked_invitations(void **state)
+{
+    enum { N = 4 };
+    char secret[N][GUEST_SECRET], other[GUEST_SECRET], fault[256];
+    struct room_invite invite[N], elsewhere = new_invite(0, other);
+    struct caller caller;
+    for (int i = 0; i < N; i++) invite[i] = new_invite(0, secret[i]);
+    for (int gone = 0; gone < N; gone++) {
+        struct guests guests = {0};
+        struct room_invite left[N];
+        size_t n = 0;
+        assert_true(guests_replace(&guests, "room", invite, N));
+        assert_true(guests_replace(&guests, "other", &elsewhere, 1));
+        for (int i = 0; i < N; i++)
+            if (i != gone) left[n++] = invite[i];
+        assert_true(guests_replace(&guests, "room", left, n));
+        assert_int_equal(guests.n, N);
+        for (int i = 0; i < N; i++)
+            assert_int_equal(guests_check(&guests, secret[i], &caller, fault),
+                             i == gone ? ACCESS_WRONG : ACCESS_GRANTED);
+        assert_int_equal(guests_check(&guests, other, &caller, fault), ACCESS_GRANTED);
+        assert_string_equal(guests_room(&guests, caller.name), "other");
+        assert_true(guests_replace(&guests, "room", NULL, 0));
+        assert_int_equal(guests.n, 1);
+        assert_true(guests_current(&guests, caller.name));
+        guests_finish(&guests);
+    }
+}
+
+// An invitation ends at its time, also for who came in before.
+static void test_expired_invitations(void **state)
+{
+    struct guests guests = {0};
+    struct caller caller;
+    char secret[2][GUEST_SECRET], fault[256], principal[64];
+    for (int i = 0; i < 2; i++) {
+        struct room_invite invite =
+            new_invite((uint64_t)time(NULL) + (i ? 1000 : 0), secret[i]);
+        assert_true(guests_add(&guests, "room", &invite));
+        int verdict = guests_check(&guests, secret[i], &caller, fault);
+        assert_int_equal(verdict, i ? ACCESS_GRANTED : ACCESS_EXPIRED);
+        if (i) assert_int_equal(caller.expires_s, (int64_t)invite.expires_s);
+        snprintf(principal, sizeof principal, "guest:%s", invite.id);
+        assert_int_equal(guests_current(&guests, principal), i);
+    }
+    guests_finish(&guests);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_delays_double),  cmocka_unit_test(test_addresses),
-        cmocka_unit_test(test_bounded),        cmocka_unit_test(test_scopes),
-        cmocka_unit_test(test_without_tokens), cmocka_unit_test(test_rate),
+        cmocka_unit_test(test_delays_double),
+        cmocka_unit_test(test_addresses),
+        cmocka_unit_test(test_bounded),
+        cmocka_unit_test(test_scopes),
+        cmocka_unit_test(test_without_tokens),
+        cmocka_unit_test(test_rate),
+        cmocka_unit_test(test_tokens_as_text),
+        cmocka_unit_test(test_pending_token),
+        cmocka_unit_test(test_most_tokens),
+        cmocka_unit_test(test_guessed_invitations),
+        cmocka_unit_test(test_revoked_invitations),
+        cmocka_unit_test(test_expired_invitations),
     };
     return cmocka_run_group_tests_name("access_unit", tests, NULL, NULL);
 }

@@ -4,6 +4,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <semaphore.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -19,7 +20,7 @@
 #include "core/options.h"
 #include "frame.h"
 #include "relight.pb-c.h"
-#include "store/blobs.h"
+#include "store/blob_index.h"
 #include "store/disk.h"
 
 static char folder[] = "/tmp/blobs-test-XXXXXX";
@@ -461,6 +462,44 @@ static void test_blobs_are_checked_before_first_use(void **state)
     close_store(&s);
 }
 
+static sem_t let_go;
+
+static int run_blocker(struct work *work, const struct prt_context *ctx)
+{
+    while (sem_wait(&let_go)) continue;
+    return 0;
+}
+
+static void blocker_done(struct work *work)
+{
+}
+
+// Of two who wait for a check one leaves before it begins: the other is woken all the same.
+static void test_one_of_two_leaves_a_check(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65];
+    struct work blocker[2] = {{.run = run_blocker, .done = blocker_done}}; // both workers
+    blocker[1] = blocker[0];
+    put_whole(&s, "ann", 'g', 5000, hash);
+    assert_int_equal(sem_init(&let_go, 0, 0), 0);
+    for (int first = 0; first < 2; first++) {
+        struct waiter w[2] = {{.waiter.wake = woken}, {.waiter.wake = woken}};
+        reopen_store(&s); // it was not checked yet
+        for (int i = 0; i < 2; i++) work_submit(s.work, &blocker[i]);
+        for (int i = 0; i < 2; i++) blobs_check(s.blobs, hash, &w[i].waiter);
+        blobs_check_leave(s.blobs, hash, &w[first].waiter);
+        for (int i = 0; i < 2; i++) sem_post(&let_go);
+        turn_until_idle(&s);
+        assert_false(w[first].woken);
+        assert_true(w[!first].woken);
+        assert_true(check(&s, hash));
+    }
+    close_store(&s);
+    sem_destroy(&let_go);
+}
+
 static void test_names_and_owners(void **state)
 {
     struct store s;
@@ -560,6 +599,147 @@ static void test_eviction_within_shares(void **state)
     close_store(&s);
 }
 
+// Who is above its share still takes the room of blobs that have no owner any more.
+static void test_room_of_nobody(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char lost[65], hash[65], path[4096 + 8];
+    s.setup.keep_s = 0;
+    s.options.disk = 6 * 16384;
+    s.options.client_disk = 0;
+    reopen_store(&s);
+    put_whole(&s, "bob", 'o', 12288, lost);
+    blobs_path(s.blobs, lost, path, sizeof path);
+    strcat(path, ".owner");
+    close_store(&s);
+    assert_int_equal(unlink(path), 0);
+    open_store(&s);
+    assert_int_equal(disk_bytes_of(s.ledger, DISK_NOBODY), 16384);
+    put_whole(&s, "carl", 'c', 12288, hash);
+    for (int i = 0; i < 4; i++) put_whole(&s, "ann", (char)('p' + i), 12288, hash);
+    assert_true(blobs_has(s.blobs, lost));
+    put_whole(&s, "ann", 'z', 12288, hash);
+    assert_false(blobs_has(s.blobs, lost));
+    assert_int_equal(disk_bytes_of(s.ledger, "ann"), 5 * 16384);
+    assert_int_equal(disk_bytes_of(s.ledger, "carl"), 16384);
+    close_store(&s);
+}
+
+// A promise beyond --disk is refused whatever is evicted: so nothing is.
+static void test_what_never_fits_evicts_nothing(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], large[65];
+    s.setup.keep_s = 0;
+    s.options.disk = MB;
+    s.options.client_disk = 4 * MB;
+    reopen_store(&s);
+    put_whole(&s, "bob", 'b', 700000, hash); // above its share while two want room
+    memset(large, 'f', 64);
+    struct sent sent = put(&s, "ann", large, 2 * MB, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_non_null(strstr(sent.put.error, "--disk"));
+    assert_true(blobs_has(s.blobs, hash));
+    close_store(&s);
+}
+
+static void test_largest_blob(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65];
+    s.setup.max_blob = 5000;
+    reopen_store(&s);
+    put_whole(&s, "ann", 'm', 5000, hash);
+    memset(hash, 'f', 64);
+    struct sent sent = put(&s, "ann", hash, 5001, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_non_null(strstr(sent.put.error, "allowed range 1 to 5000"));
+    close_store(&s);
+}
+
+// A time of use is written though an upload has arrived since.
+static void test_use_before_an_upload_is_kept(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char first[65], second[65], hash[65];
+    s.setup.keep_s = 0;
+    s.options.client_disk = 3 * 16384;
+    reopen_store(&s);
+    put_whole(&s, "ann", 'a', 12288, first);
+    put_whole(&s, "ann", 'b', 12288, second);
+    blobs_maintain(s.blobs);
+    turn_until_idle(&s);
+    blobs_touch(s.blobs, first);
+    put_whole(&s, "ann", 'c', 12288, hash);
+    reopen_store(&s);
+    put_whole(&s, "ann", 'd', 12288, hash);
+    assert_true(blobs_has(s.blobs, first));
+    assert_false(blobs_has(s.blobs, second));
+    close_store(&s);
+}
+
+// Nor is it lost by one that was fetched from the folder of all replicas.
+static void test_use_before_a_fetch_is_kept(void **state)
+{
+    struct store s;
+    new_store(&s);
+    static const char bytes[] = "from another replica";
+    char first[65], second[65], fetched[65], path[4096], hash[65];
+    s.setup.keep_s = 0;
+    s.options.client_disk = 2 * 16384;
+    reopen_store(&s);
+    put_whole(&s, "ann", 'a', 12288, first);
+    put_whole(&s, "ann", 'b', 12288, second);
+    blobs_maintain(s.blobs);
+    turn_until_idle(&s);
+    blobs_touch(s.blobs, first);
+    hash_of(bytes, sizeof bytes, fetched);
+    blobs_path(s.blobs, fetched, path, sizeof path);
+    int fd = open(path, O_CREAT | O_WRONLY, 0600);
+    assert_int_equal(write(fd, bytes, sizeof bytes), sizeof bytes);
+    close(fd);
+    assert_int_equal(blob_adopt(s.blobs, fetched, sizeof bytes), 0);
+    reopen_store(&s);
+    assert_true(blobs_has(s.blobs, fetched));
+    put_whole(&s, "ann", 'd', 12288, hash);
+    assert_true(blobs_has(s.blobs, first));
+    assert_false(blobs_has(s.blobs, second));
+    close_store(&s);
+}
+
+// However many principals upload the same bytes, the names kept of them are bounded.
+static void test_names_of_many(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], who[32], name[256], path[4096 + 8], last[32] = "";
+    unsigned n_named = 0;
+    put_whole(&s, "ann", 'n', 100, hash);
+    for (int i = 0; i < 400; i++) {
+        snprintf(who, sizeof who, "principal %d", i);
+        assert_true(put(&s, who, hash, 100, 0, NULL, 0).put.complete);
+        blobs_name(s.blobs, who, hash, name, sizeof name);
+        if (strncmp(name, who, strlen(who))) break;
+        n_named++;
+        strcpy(last, who);
+    }
+    assert_in_range(n_named, 100, 200);
+    turn_until_idle(&s);
+    struct stat st;
+    blobs_path(s.blobs, hash, path, sizeof path);
+    strcat(path, ".owner");
+    assert_int_equal(stat(path, &st), 0);
+    assert_in_range(st.st_size, 2000, 4096);
+    reopen_store(&s);
+    blobs_name(s.blobs, last, hash, name, sizeof name);
+    assert_int_equal(strncmp(name, last, strlen(last)), 0);
+    close_store(&s);
+}
+
 static void test_index_of_many(void **state)
 {
     enum { N = 3000 };
@@ -610,6 +790,27 @@ static void test_abandoned_chunks(void **state)
     free(bytes[0]);
     free(sent[0]);
     assert_int_equal(put(&s, "ann", hash, 20 * MB, 0, NULL, 0).put.received, PIECE);
+    close_store(&s);
+}
+
+// The last chunk that waits is abandoned: the next one is served.
+static void test_chunk_after_an_abandoned_one(void **state)
+{
+    struct store s;
+    new_store(&s);
+    enum { PIECE = 100000 };
+    static struct sent sent[3];
+    static char bytes[2 * PIECE];
+    char hash[65];
+    hash_of(bytes, sizeof bytes, hash);
+    begin_put(&s, &sent[0], "ann", hash, sizeof bytes, 0, bytes, PIECE);
+    begin_put(&s, &sent[1], "ann", hash, sizeof bytes, PIECE, bytes + PIECE, PIECE);
+    blobs_put_abandon(&sent[1].put);
+    assert_true(sent[1].done);
+    begin_put(&s, &sent[2], "ann", hash, sizeof bytes, PIECE, bytes + PIECE, PIECE);
+    turn_until_idle(&s);
+    assert_true(sent[0].done && sent[2].done);
+    assert_true(sent[2].put.complete);
     close_store(&s);
 }
 
@@ -678,11 +879,19 @@ int main(void)
         cmocka_unit_test(test_the_longest_idle_upload_goes),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
+        cmocka_unit_test(test_one_of_two_leaves_a_check),
         cmocka_unit_test(test_names_and_owners),
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_eviction_within_shares),
+        cmocka_unit_test(test_room_of_nobody),
+        cmocka_unit_test(test_what_never_fits_evicts_nothing),
+        cmocka_unit_test(test_largest_blob),
+        cmocka_unit_test(test_use_before_an_upload_is_kept),
+        cmocka_unit_test(test_use_before_a_fetch_is_kept),
+        cmocka_unit_test(test_names_of_many),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
+        cmocka_unit_test(test_chunk_after_an_abandoned_one),
         cmocka_unit_test(test_puts_are_freed_when_done),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -141,6 +141,86 @@ static void test_small_values_are_bounded(void **state)
     cache_destroy(cache);
 }
 
+// Results that are computed just now stay where only those that are there are forgotten.
+static void test_pending_ones_stay(void **state)
+{
+    struct cache *cache;
+    bool fresh;
+    assert_int_equal(cache_create(1 << 20, &cache), 0);
+    use(cache, "model/1");
+    struct cache_entry *pending = cache_get(cache, "model/2", &fresh);
+    cache_forget(cache, "model/", false);
+    assert_false(is_there(cache, "model/1"));
+    struct cache_entry *same = cache_get(cache, "model/2", &fresh);
+    assert_ptr_equal(same, pending);
+    assert_false(fresh);
+    cache_fill(pending, malloc(VALUE), VALUE, destroy);
+    cache_release(same);
+    cache_release(pending);
+    assert_true(is_there(cache, "model/2"));
+    pending = cache_get(cache, "model/3", &fresh);
+    cache_forget(cache, "model/", true);
+    assert_false(is_there(cache, "model/2") || is_there(cache, "model/3"));
+    cache_fill(pending, malloc(VALUE), VALUE, destroy);
+    cache_release(pending);
+    assert_int_equal(bytes_of(cache), 0);
+    cache_destroy(cache);
+}
+
+struct waiting {
+    struct cache_waiter waiter; // first
+    unsigned at;                // when it was woken; 0: not yet
+};
+
+static unsigned n_woken, n_unwanted;
+
+static void wake(struct cache_waiter *waiter)
+{
+    ((struct waiting *)waiter)->at = ++n_woken;
+}
+
+static void count_unwanted(struct cache_entry *e)
+{
+    n_unwanted++;
+}
+
+// Who waits is woken in the order of coming, who left is not; a result is unwanted when nobody
+// but its job holds it any more.
+static void test_waiters(void **state)
+{
+    enum { N = 3 };
+    struct cache *cache;
+    struct waiting w[N] = {{.at = 0}};
+    bool fresh;
+    assert_int_equal(cache_create(1 << 20, &cache), 0);
+    struct cache_entry *e = cache_get(cache, "a", &fresh); // the job's
+    e->unwanted = count_unwanted;
+    n_woken = n_unwanted = 0;
+    for (int i = 0; i < N; i++) {
+        w[i].waiter.wake = wake;
+        assert_ptr_equal(cache_get(cache, "a", &fresh), e);
+        cache_wait(e, &w[i].waiter);
+    }
+    for (int i = N; i-- > 0;) { // the last holds it alone besides the job
+        cache_leave(e, &w[i].waiter);
+        assert_int_equal(n_unwanted, i == 0);
+        cache_release(e);
+    }
+    assert_ptr_equal(cache_get(cache, "a", &fresh), e); // held, and not waited for
+    cache_hold(e);
+    cache_wait(e, &w[0].waiter);
+    cache_leave(e, &w[0].waiter);
+    assert_int_equal(n_unwanted, 1);
+    for (int i = 0; i < N; i++) cache_wait(e, &w[i].waiter);
+    cache_leave(e, &w[1].waiter);
+    cache_fill(e, malloc(VALUE), VALUE, destroy);
+    assert_int_equal(w[0].at, 1);
+    assert_int_equal(w[1].at, 0);
+    assert_int_equal(w[2].at, 2);
+    for (int i = 0; i < 3; i++) cache_release(e);
+    cache_destroy(cache);
+}
+
 static unsigned longest_chain(const struct cache_entry *const *entry, unsigned n)
 {
     unsigned longest = 0;
@@ -380,6 +460,8 @@ int main(void)
         cmocka_unit_test(test_budget_is_exact),
         cmocka_unit_test(test_every_state_is_counted),
         cmocka_unit_test(test_small_values_are_bounded),
+        cmocka_unit_test(test_pending_ones_stay),
+        cmocka_unit_test(test_waiters),
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
         cmocka_unit_test(test_room_is_promised),

@@ -95,6 +95,22 @@ static void fresh_names_are_told_once(void **unused)
     holds_destroy(holds);
 }
 
+// A room that needs one thing more tells that one alone.
+static void a_name_that_stays_is_not_fresh(void **unused)
+{
+    struct holds *holds = holds_create();
+    holds_know(holds, true);
+    holds_set(holds, "room 1", "\nbunny\ntree\n");
+    free(holds_take_fresh(holds));
+    holds_set(holds, "room 1", "\nbunny\nhead\n");
+    char *fresh = holds_take_fresh(holds);
+    assert_string_equal(fresh, "head\n");
+    free(fresh);
+    assert_true(holds_has(holds, "bunny") && holds_has(holds, "head"));
+    assert_false(holds_has(holds, "tree"));
+    holds_destroy(holds);
+}
+
 // Three rooms are named, the others counted.
 static void rooms_of_a_name_are_listed(void **unused)
 {
@@ -119,6 +135,7 @@ int main(void)
         cmocka_unit_test(a_name_is_held_while_a_room_has_it),
         cmocka_unit_test(rooms_that_are_gone_hold_nothing),
         cmocka_unit_test(fresh_names_are_told_once),
+        cmocka_unit_test(a_name_that_stays_is_not_fresh),
         cmocka_unit_test(rooms_of_a_name_are_listed),
     };
     return cmocka_run_group_tests_name("held names", tests, NULL, NULL);

@@ -66,6 +66,7 @@ static void test_principals(void **state)
     principal_release(a);
     ledger_give(a, LEDGER_MODELS, 1);
     assert_int_equal(ledger_total(ledger, LEDGER_MODELS), 0);
+    assert_null(ledger_first(ledger)); // nobody refers to it, and it holds nothing
     ledger_destroy(ledger);
 }
 

@@ -255,6 +255,61 @@ static void lists_and_closed_rooms(void **state)
     store->api->close(store);
 }
 
+// The room that changed last comes first, and a short list has the newest alone.
+static void the_newest_room_comes_first(void **state)
+{
+    static const char ids[] = "abc";
+    struct room_summary summary = {.name = "one", .owner = "token:ann"};
+    open_store();
+    for (uint64_t i = 0; i < 3; i++) {
+        struct room_task add = append_task(1);
+        add.room[0] = ids[i];
+        add.time_us = 10 + i;
+        add.summary = &summary;
+        run(&add);
+    }
+    struct room_task next = append_task(2); // the first one changes again
+    next.room[0] = ids[0];
+    next.time_us = 20;
+    run(&next);
+    assert_int_equal(next.status, ROOM_TASK_DONE);
+    for (unsigned most = 1; most < 5; most++) {
+        struct room_task list = {.kind = ROOM_TASK_LIST, .most = most};
+        run(&list);
+        assert_int_equal(list.n_row, most < 3 ? most : 3);
+        for (size_t i = 0; i < list.n_row; i++) assert_int_equal(list.row[i].room[0], "acb"[i]);
+        assert_int_equal(list.row[0].created_us, 10);
+        assert_int_equal(list.row[0].changed_us, 20);
+        room_task_finish(&list);
+    }
+    store->api->close(store);
+}
+
+// An answer of limited bytes has at least one event, so that every log is read to its end.
+static void events_come_in_limited_answers(void **state)
+{
+    static const struct {
+        size_t most, n;
+    } cases[] = {{1, 1}, {5, 1}, {9, 1}, {10, 2}, {14, 2}, {20, 4}, {1000, 4}, {0, 4}};
+    open_store();
+    for (uint64_t i = 1; i < 5; i++) {
+        struct room_task add = append_task(i);
+        run(&add);
+        assert_int_equal(add.status, ROOM_TASK_DONE);
+    }
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct room_task events = {.kind = ROOM_TASK_EVENTS, .most = cases[i].most};
+        strcpy(events.room, id);
+        run(&events);
+        assert_int_equal(events.status, ROOM_TASK_DONE);
+        assert_int_equal(events.n_event, cases[i].n);
+        for (size_t k = 0; k < events.n_event; k++)
+            assert_int_equal(events.event[k].sequence, k + 1);
+        room_task_finish(&events);
+    }
+    store->api->close(store);
+}
+
 // ---- what rooms need of the disk
 
 static const char needs[] = "\nabc\ndef\n";
@@ -459,6 +514,8 @@ int main(void)
         const struct CMUnitTest tests[] = {
             cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
             cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+            cmocka_unit_test_setup_teardown(the_newest_room_comes_first, setup, teardown),
+            cmocka_unit_test_setup_teardown(events_come_in_limited_answers, setup, teardown),
             cmocka_unit_test_setup_teardown(needs_are_written_with_the_event, setup, teardown),
             cmocka_unit_test_setup_teardown(another_replica_hears, setup, teardown),
             cmocka_unit_test_setup_teardown(connections_are_lost, setup, teardown),
@@ -473,6 +530,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(other_files_are_refused, setup, teardown),
         cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
         cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+        cmocka_unit_test_setup_teardown(the_newest_room_comes_first, setup, teardown),
+        cmocka_unit_test_setup_teardown(events_come_in_limited_answers, setup, teardown),
         cmocka_unit_test_setup_teardown(needs_are_written_with_the_event, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
