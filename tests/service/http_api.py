@@ -327,6 +327,28 @@ def too_much_at_once_is_refused(d):
     d.json("POST", "/v1/blobs", b"served again", expect=201)
 
 
+def chunked_bodies_beyond_a_limit(binaries):
+    """413 where the client's memory can never hold the body, 429 where it holds others now."""
+    d = Daemon(binaries, "--client-memory", "2000000")
+    head = b"POST /v1/blobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    chunk = b"%x\r\n%s\r\n" % (600000, b"x" * 600000)
+    try:
+        answer = d.raw(head + 5 * chunk)
+        assert answer.startswith(b"HTTP/1.1 413") and b'"code":"limit"' in answer, answer
+        d.wait_metric('relightd_resource_held{resource="payload"}', 0)
+        with socket.create_connection(("127.0.0.1", d.port), timeout=20) as s:
+            s.sendall(head + chunk)
+            d.wait_metric('relightd_resource_held{resource="payload"}', 1 << 20)
+            answer = d.raw(head + chunk)
+            assert answer.startswith(b"HTTP/1.1 429"), answer
+            assert b"\r\nretry-after: 1\r\n" in answer, answer
+            s.sendall(b"0\r\n\r\n")
+            assert s.recv(4096).startswith(b"HTTP/1.1 20")
+        d.wait_metric('relightd_resource_held{resource="payload"}', 0)
+    finally:
+        d.end()
+
+
 def models_are_forgotten(d):
     assert d.json("DELETE", "/v1/models/small?forget=yes")["state"] == "unknown"
     d.problem(404, "GET", "/v1/models/small")
@@ -367,6 +389,8 @@ def main():
          jobs_are_cancelled, too_much_at_once_is_refused, models_are_forgotten],
         lambda: Daemon(binaries, "--frame-time", "2", "--write-time", "2", "--max-blob", "5000000",
                        "--client-uploads", "8", "--log", "trace"))
+    print("    chunked bodies beyond a limit")
+    chunked_bodies_beyond_a_limit(binaries)
     print("    tokens are wanted")
     try:
         tokens_are_wanted(binaries)
