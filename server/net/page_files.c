@@ -5,6 +5,7 @@
 #include "core/log.h"
 #include "net/routes.h"
 
+#include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
 #include <stdio.h>
@@ -189,7 +190,8 @@ static bool accepts(const char *accepted, const char *word)
         at += strspn(at, " ,");
         if (strncasecmp(at, word, n) || !strchr(" ,;", at[n])) continue;
         const char *q = at + n + strspn(at + n, " ;");
-        return strncasecmp(q, "q=0", 3) || (q[3] == '.' && strspn(q + 4, "0,") < strlen(q + 4));
+        return strncasecmp(q, "q=0", 3) ||
+               (q[3] == '.' && isdigit((unsigned char)q[4 + strspn(q + 4, "0")]));
     }
     return false;
 }

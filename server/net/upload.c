@@ -12,7 +12,7 @@
 #include <strings.h>
 #include <sys/random.h>
 
-enum { MOST_FLYING = 2 };
+enum { MOST_FLYING = 2, BUSY_RETRY_MS = 1000 };
 
 static bool is_type(const struct exchange *x, const char *type)
 {
@@ -21,12 +21,43 @@ static bool is_type(const struct exchange *x, const char *type)
     return !strncasecmp(said, type, n) && (!said[n] || said[n] == ';' || said[n] == ' ');
 }
 
+static void problem_as(struct exchange *x, int code, const char *text,
+                       struct http_problem *problem)
+{
+    Relight__Error error = RELIGHT__ERROR__INIT;
+    error.code = code;
+    error.text = (char *)text;
+    error.hint = (char *)error_hint(code);
+    if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) error.retry_after_ms = BUSY_RETRY_MS;
+    problem_of_error(x->conn, &error, problem);
+}
+
+static void refuse_as(struct exchange *x, int code, const char *text)
+{
+    struct http_problem problem;
+    problem_as(x, code, text, &problem);
+    exchange_refuse(x, &problem);
+}
+
+// Charges `more` bytes of a body that then holds `all`. False: *problem says whose limit that
+// passes, and whether it ever fits.
+static bool charge_body(struct exchange *x, uint64_t more, uint64_t all,
+                        struct http_problem *problem)
+{
+    struct principal *payer = x->conn->principal;
+    char error[256];
+    enum ledger_refusal refusal = ledger_take(payer, LEDGER_PAYLOAD, more, error);
+    if (refusal == LEDGER_GRANTED) return true;
+    x->conn->own_limit = refusal == LEDGER_CLIENT_FULL;
+    problem_as(x, refusal_code(payer, LEDGER_PAYLOAD, all), error, problem);
+    return false;
+}
+
 bool upload_check(struct exchange *x, struct http_problem *problem)
 {
     enum exchange_body body = x->route->body;
     bool json = is_type(x, "application/json");
     uint64_t size = x->head.body_size, most = x->server->options.max_blob;
-    char error[256];
     if (!x->head.has_body) return true;
     if ((json && body != BODY_FILE_OR_JSON) || is_type(x, "multipart/form-data") ||
         is_type(x, "text/html")) {
@@ -47,11 +78,7 @@ bool upload_check(struct exchange *x, struct http_problem *problem)
         problem->maximum = (double)most;
         return false;
     }
-    if (json && ledger_take(x->conn->principal, LEDGER_PAYLOAD, size, error)) {
-        http_refuse(problem, 429, "busy", "%s", error);
-        problem->retry_after_ms = 1000;
-        return false;
-    }
+    if (json && !charge_body(x, size, size, problem)) return false;
     if (json) {
         x->json_charged = size;
         x->json = malloc(size + 1);
@@ -83,17 +110,6 @@ void upload_pace(struct exchange *x)
 }
 
 // ---- files
-
-static void refuse_as(struct exchange *x, int code, const char *text)
-{
-    Relight__Error error = RELIGHT__ERROR__INIT;
-    struct http_problem problem;
-    error.code = code;
-    error.text = (char *)text;
-    error.hint = (char *)error_hint(code);
-    problem_of_error(x->conn, &error, &problem);
-    exchange_refuse(x, &problem);
-}
 
 // Charges and allocates the next chunk.
 static bool begin_chunk(struct exchange *x, uint64_t at)
@@ -209,15 +225,15 @@ static bool more_room(struct exchange *x, size_t wanted)
 {
     uint64_t most = x->server->options.max_blob;
     size_t room = x->chunk_size ? x->chunk_size : 64 << 10;
-    char error[256];
+    struct http_problem problem;
     if (most > UPLOAD_KEPT) most = UPLOAD_KEPT;
     if (wanted > most) {
         refuse_long(x, most);
         return false;
     }
     while (room < wanted) room *= 2;
-    if (ledger_take(x->conn->principal, LEDGER_PAYLOAD, room - x->kept_charged, error)) {
-        refuse_as(x, RELIGHT__ERROR_CODE__ERROR_BUSY, error);
+    if (!charge_body(x, room - x->kept_charged, room, &problem)) {
+        exchange_refuse(x, &problem);
         return false;
     }
     x->kept_charged = room;

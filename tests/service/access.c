@@ -510,6 +510,13 @@ static void test_quotas(void **state)
            RELIGHT_E_LIMIT, &error, NULL);
     relight_close(b);
     relight_close(open_tcp(secret)); // its places are free again
+    // Nor does the address keep the places of connections that named a token.
+    double held = 0;
+    for (int i = 0; i < 500 && held != 1; i++) {
+        held = metric(admin, "relightd_resource_held{resource=\"connections\"}");
+        if (held != 1) sleep_ms(20);
+    }
+    assert_true(held == 1);
     relight_close(admin);
     assert_int_equal(daemon_stop(&d), 0);
 }
@@ -539,6 +546,43 @@ static void test_quotas_of_a_name_used_again(void **state)
     relight_close(client);
     relight_close(admin);
     assert_int_equal(daemon_stop(&d), 0);
+}
+
+// TOKEN_LIST shows what was given, also after a restart.
+static void test_quotas_are_listed(void **state)
+{
+    char secret[RELIGHT_SECRET];
+    struct relight_error error;
+    struct relight_tokens tokens;
+    const struct relight_quotas quotas = {.rate = 1.5,
+                                          .connections = 2,
+                                          .requests = 3,
+                                          .views = 4,
+                                          .memory = 5 << 20,
+                                          .output = 6 << 20,
+                                          .bakes = 7,
+                                          .uploads = 8,
+                                          .models = 9,
+                                          .disk = 10 << 20};
+    for (int round = 0; round < 2; round++) {
+        daemon_start(&d, NULL);
+        struct relight_client *admin = client_open(d.address);
+        if (!round) create(admin, "small", work, 1000, &quotas, secret);
+        OK(relight_token_list(admin, &tokens, &error));
+        assert_int_equal(tokens.n_token, 1);
+        const struct relight_token *t = &tokens.token[0];
+        assert_memory_equal(&t->quotas, &quotas, sizeof quotas);
+        assert_int_equal(t->expires_s - t->created_s, 1000);
+        assert_int_equal(t->n_scope, 3);
+        assert_int_equal(strncmp(t->by, "uid:", 4), 0);
+        assert_int_equal(t->connections, 0);
+        struct relight_client *client = open_tcp(secret); // which HELLO tells the same
+        assert_int_equal(relight_server(client)->expires_s, t->expires_s);
+        relight_close(client);
+        relight_tokens_finish(&tokens);
+        relight_close(admin);
+        assert_int_equal(daemon_stop(&d), 0);
+    }
 }
 
 // Bakes that wait or run, and bytes that requests hold.
@@ -719,6 +763,7 @@ int main(void)
         cmocka_unit_test_teardown(test_owners, after_each),
         cmocka_unit_test_teardown(test_quotas, after_each),
         cmocka_unit_test_teardown(test_quotas_of_a_name_used_again, after_each),
+        cmocka_unit_test_teardown(test_quotas_are_listed, after_each),
         cmocka_unit_test_teardown(test_bakes_and_memory, after_each),
         cmocka_unit_test_teardown(test_rate, after_each),
         cmocka_unit_test_teardown(test_guesses, after_each),

@@ -44,6 +44,114 @@ static void test_mean_of_an_environment(void **state)
     print_message("mean %g, the cap has %g\n", (double)info.mean[0], (1 - sqrt(0.5)) / 2);
     for (int c = 0; c < 3; c++)
         if (fabs((double)info.mean[c] - (1 - sqrt(0.5)) / 2) > 0.002) fail_msg("mean is off");
+    OK(relight_env_prepare(client, env, &info, &error));
+    assert_true(info.decode_ms == 0); // it is decoded already
+    end_client(client);
+}
+
+static char *put_bytes(char *at, const void *bytes, size_t n)
+{
+    memcpy(at, bytes, n);
+    return at + n;
+}
+
+// An attribute of an OpenEXR header.
+static char *put_attribute(char *at, const char *name, const char *type, const void *value,
+                           int32_t n)
+{
+    at = put_bytes(at, name, strlen(name) + 1);
+    at = put_bytes(at, type, strlen(type) + 1);
+    at = put_bytes(at, &n, 4);
+    return put_bytes(at, value, (size_t)n);
+}
+
+// An OpenEXR image of W x H pixels of 1, without compression; its size. *pixels: the first of
+// the planes B, G, R of the first row, each row with 8 bytes before them.
+enum { EXR_W = 8, EXR_H = 4, EXR_ROW = 8 + 3 * 4 * EXR_W };
+static size_t plain_exr(char out[1000], char **pixels)
+{
+    static const char magic[] = {0x76, 0x2f, 0x31, 0x01, 2, 0, 0, 0};
+    static const char channels[] = "B\0\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0"
+                                   "G\0\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0"
+                                   "R\0\2\0\0\0\0\0\0\0\1\0\0\0\1\0\0\0";
+    const int32_t window[4] = {0, 0, EXR_W - 1, EXR_H - 1};
+    const float one = 1, centre[2] = {0, 0};
+    char *at = put_bytes(out, magic, sizeof magic);
+    at = put_attribute(at, "channels", "chlist", channels, sizeof channels);
+    at = put_attribute(at, "compression", "compression", "", 1);
+    at = put_attribute(at, "dataWindow", "box2i", window, 16);
+    at = put_attribute(at, "displayWindow", "box2i", window, 16);
+    at = put_attribute(at, "lineOrder", "lineOrder", "", 1);
+    at = put_attribute(at, "pixelAspectRatio", "float", &one, 4);
+    at = put_attribute(at, "screenWindowCenter", "v2f", centre, 8);
+    at = put_attribute(at, "screenWindowWidth", "float", &one, 4);
+    *at++ = 0;
+    char *const rows = at + (size_t)EXR_H * 8;
+    for (int y = 0; y < EXR_H; y++) {
+        const uint64_t offset = (uint64_t)(rows - out) + (uint64_t)y * EXR_ROW;
+        at = put_bytes(at, &offset, 8);
+    }
+    for (int32_t y = 0, n = EXR_ROW - 8; y < EXR_H; y++) {
+        at = put_bytes(at, &y, 4);
+        at = put_bytes(at, &n, 4);
+        for (int i = 0; i < 3 * EXR_W; i++) at = put_bytes(at, &one, 4);
+    }
+    *pixels = rows + 8;
+    return (size_t)(at - out);
+}
+
+// ENV counts the values that it mends: those below 0 and those that are no number.
+static void test_mended_values_are_counted(void **state)
+{
+    struct relight_client *client = begin_client(NULL);
+    struct relight_error error;
+    struct relight_env_info info;
+    static const float broken[] = {-1, NAN, INFINITY};
+    char bytes[1000], hash[65], env[80], *pixels;
+    const size_t n = plain_exr(bytes, &pixels);
+    for (int i = 0; i < 4; i++) { // none, then one more each time
+        if (i) memcpy(pixels + 8 * i, &broken[i - 1], 4);
+        OK(relight_upload(client, "sky.exr", bytes, n, NULL, NULL, hash, NULL, &error));
+        snprintf(env, sizeof env, "env:%s", hash);
+        OK(relight_env_prepare(client, env, &info, &error));
+        assert_int_equal(info.width, EXR_W);
+        assert_int_equal(info.n_mended, i);
+    }
+    end_client(client);
+}
+
+// GEOMETRY leaves out the normals, the triangles or both, and says what it sent.
+static void test_parts_of_a_geometry(void **state)
+{
+    enum { VECTORS = 12 * OCTAHEDRON_VERTICES, AFTER = 128, TRIANGLES = 8 * 12 };
+    struct relight_client *client = begin_client(NULL);
+    struct frames *f = frames_open(&d);
+    char id[ID_SIZE];
+    bake_small(client, &d, id);
+    for (unsigned i = 0; i < 4; i++) {
+        Relight__GeometryRequest m = RELIGHT__GEOMETRY_REQUEST__INIT;
+        struct frames_answer a;
+        ProtobufCMessage *message = NULL;
+        m.model = id;
+        m.no_normals = i & 1;
+        m.no_triangles = i & 2;
+        frames_add(f, RELIGHT_TYPE_GEOMETRY, 10 + i, &m.base, NULL, 0);
+        frames_send(f);
+        assert_true(frames_next(f, &a, 20000, &message));
+        assert_int_equal(a.type, RELIGHT_TYPE_GEOMETRY | RELIGHT_TYPE_ANSWER);
+        const Relight__GeometryAnswer *g = (const Relight__GeometryAnswer *)message;
+        const uint64_t triangles_at = i & 2 ? 0 : i & 1 ? AFTER : 2 * AFTER;
+        const uint64_t size = i & 2   ? i & 1 ? VECTORS : AFTER + VECTORS
+                              : i & 1 ? AFTER + TRIANGLES
+                                      : 2 * AFTER + TRIANGLES;
+        assert_int_equal(g->n_vertex, OCTAHEDRON_VERTICES);
+        assert_int_equal(g->n_triangle, i & 2 ? 0 : 8);
+        assert_int_equal(g->normals_offset, i & 1 ? 0 : AFTER);
+        assert_int_equal(g->triangles_offset, triangles_at);
+        assert_int_equal(a.payload, size);
+        protobuf_c_message_free_unpacked(message, NULL);
+    }
+    frames_close(f);
     end_client(client);
 }
 
@@ -263,6 +371,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_mean_of_an_environment, teardown),
+        cmocka_unit_test_teardown(test_mended_values_are_counted, teardown),
+        cmocka_unit_test_teardown(test_parts_of_a_geometry, teardown),
         cmocka_unit_test_teardown(test_planes_are_aligned, teardown),
         cmocka_unit_test_teardown(test_exposure_of_colours, teardown),
         cmocka_unit_test_teardown(test_formats_of_cached_colours, teardown),

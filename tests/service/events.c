@@ -201,6 +201,41 @@ static void the_newest_state_of_each_model(void **state)
     end();
 }
 
+// A subscription to one model gets the events of this one alone.
+static void a_filter_of_a_model(void **state)
+{
+    begin(NULL);
+    char id[2][ID_SIZE], long_id[41];
+    struct relight_error error;
+    struct relight_client *client = client_open(d.address);
+    load_preview(client, "1.5", id[0]);
+    load_preview(client, "2.5", id[1]);
+    struct frames *f = frames_open(&d);
+    Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    memset(long_id, 'a', 40);
+    long_id[40] = 0;
+    in.model = long_id;
+    frames_add(f, RELIGHT_TYPE_SUBSCRIBE, 3, &in.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 3).code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    in.model = id[1];
+    frames_add(f, RELIGHT_TYPE_SUBSCRIBE, 4, &in.base, NULL, 0);
+    frames_send(f);
+    drop(next_event(f, 4, NULL, 20000));
+    OK(relight_unload(client, id[0], true, NULL, &error));
+    OK(relight_unload(client, id[1], true, NULL, &error));
+    for (bool gone = false; !gone;) {
+        Relight__Event *e = next_event(f, 4, NULL, 20000);
+        assert_non_null(e);
+        assert_string_equal(e->model, id[1]);
+        gone = e->kind == RELIGHT__EVENT_KIND__EVENT_MODEL_REMOVED;
+        drop(e);
+    }
+    relight_close(client);
+    frames_close(f);
+    end();
+}
+
 // Names a model again and again: each time is an event.
 static void rename_often(struct relight_client *client, int n)
 {
@@ -227,6 +262,8 @@ static void a_cursor_resumes(void **state)
     frames_close(subscribe(NULL, &cursor, &lost));
     assert_false(lost);
     old = cursor;
+    frames_close(subscribe(&old, &cursor, &lost)); // at the newest: it has missed none
+    assert_false(lost);
     struct relight_client *client = client_open(d.address);
     struct relight_error error;
     char id[ID_SIZE];
@@ -289,6 +326,7 @@ int main(void)
         cmocka_unit_test_teardown(a_filter_of_kinds, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
         cmocka_unit_test_teardown(the_newest_state_of_each_model, teardown),
+        cmocka_unit_test_teardown(a_filter_of_a_model, teardown),
         cmocka_unit_test_teardown(a_reader_that_stays_behind, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -7,6 +7,7 @@ import hashlib
 import http.client
 import json
 import os
+import re
 import socket
 import sys
 import threading
@@ -130,6 +131,7 @@ def uploads(d):
     d.problem(400, "POST", "/v1/blobs")
     problem, headers = d.problem(413, "POST", "/v1/blobs", b"x" * 5000001)
     assert problem["maximum"] == 5000000
+    d.json("POST", "/v1/blobs", b"x" * 5000000, expect=201)
     d.problem(415, "POST", "/v1/blobs", b"x", {"Content-Type": "multipart/form-data; boundary=x"})
     d.problem(415, "POST", "/v1/blobs", b"{}", {"Content-Type": "application/json"})
     d.problem(400, "POST", "/v1/models", OCTAHEDRON)  # no name
@@ -147,6 +149,8 @@ def methods_and_request_ids(d):
     assert d.ask("GET", "/healthz", headers={"X-Request-Id": "from-me.1"})[1]["x-request-id"] == "from-me.1"
     d.problem(400, "GET", "/healthz", headers={"X-Request-Id": "a b"})
     d.problem(400, "GET", "/healthz", headers={"X-Request-Id": "x" * 65})
+    longest = "x" * 64
+    assert d.ask("GET", "/healthz", headers={"X-Request-Id": longest})[1]["x-request-id"] == longest
     d.problem(404, "GET", "/v1/models/nothing", headers={"X-Request-Id": "found-in-the-log"})
     d.wait_log("request=found-in-the-log")
     # Keep-alive: several requests on one connection, one of them with a body; GETs may be pipelined.
@@ -218,6 +222,8 @@ def chunked_bodies(d):
     # A request behind the end is not answered; nothing is kept of it.
     answer = d.raw(head + b"5\r\nhello\r\n0\r\n\r\nGET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n", 5)
     assert answer.count(b"HTTP/1.1") == 1 and hashlib.sha256(b"hello").hexdigest().encode() in answer
+    answer = d.raw(head + b"00000005\r\nhello\r\n00000000\r\n\r\n", 5)  # the longest size
+    assert hashlib.sha256(b"hello").hexdigest().encode() in answer, answer
     json = b'{"path": "nothing.glb"}'
     answer = d.raw(b"POST /v1/models HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
                    b"Transfer-Encoding: chunked\r\n\r\n%x\r\n%s\r\n0\r\n\r\n" % (len(json), json), 5)
@@ -312,12 +318,35 @@ def too_much_at_once_is_refused(d):
                     text += s.recv(4096)
                 except (socket.timeout, ConnectionResetError):
                     pass
-        assert b"HTTP/1.1 429" in text and b"retry-after: " in text.lower(), text
+        assert b"HTTP/1.1 429" in text, text
+        assert re.search(rb"retry-after: [1-9]", text.lower()), text  # whole seconds, never 0
     finally:
         for s in held:
             s.close()
     d.wait_metric('relightd_resource_held{resource="uploads"}', 0)
     d.json("POST", "/v1/blobs", b"served again", expect=201)
+
+
+def chunked_bodies_beyond_a_limit(binaries):
+    """413 where the client's memory can never hold the body, 429 where it holds others now."""
+    d = Daemon(binaries, "--client-memory", "2000000")
+    head = b"POST /v1/blobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    chunk = b"%x\r\n%s\r\n" % (600000, b"x" * 600000)
+    try:
+        answer = d.raw(head + 5 * chunk)
+        assert answer.startswith(b"HTTP/1.1 413") and b'"code":"limit"' in answer, answer
+        d.wait_metric('relightd_resource_held{resource="payload"}', 0)
+        with socket.create_connection(("127.0.0.1", d.port), timeout=20) as s:
+            s.sendall(head + chunk)
+            d.wait_metric('relightd_resource_held{resource="payload"}', 1 << 20)
+            answer = d.raw(head + chunk)
+            assert answer.startswith(b"HTTP/1.1 429"), answer
+            assert b"\r\nretry-after: 1\r\n" in answer, answer
+            s.sendall(b"0\r\n\r\n")
+            assert s.recv(4096).startswith(b"HTTP/1.1 20")
+        d.wait_metric('relightd_resource_held{resource="payload"}', 0)
+    finally:
+        d.end()
 
 
 def models_are_forgotten(d):
@@ -360,6 +389,8 @@ def main():
          jobs_are_cancelled, too_much_at_once_is_refused, models_are_forgotten],
         lambda: Daemon(binaries, "--frame-time", "2", "--write-time", "2", "--max-blob", "5000000",
                        "--client-uploads", "8", "--log", "trace"))
+    print("    chunked bodies beyond a limit")
+    chunked_bodies_beyond_a_limit(binaries)
     print("    tokens are wanted")
     try:
         tokens_are_wanted(binaries)

@@ -483,6 +483,11 @@ static void test_page(void **state)
     get_with("/assets/a-1.js", "Accept-Encoding: gzip, br;q=0\r\n", text, sizeof text);
     assert_non_null(strstr(text, "gzip form"));
     assert_non_null(strstr(text, "content-encoding: gzip"));
+    get_with("/assets/a-1.js", "Accept-Encoding: br;q=0.0, gzip;q=0.5\r\n", text, sizeof text);
+    assert_non_null(strstr(text, "gzip form"));
+    get_with("/assets/a-1.js", "Accept-Encoding: gzip;q=0.000, identity\r\n", text,
+             sizeof text);
+    assert_non_null(strstr(text, "plain form"));
     get_with("/assets/a-1.js", "Accept-Encoding: gzip, deflate, br\r\n", text, sizeof text);
     assert_non_null(strstr(text, "brotli form"));
     get("/?from=letter", text, sizeof text);

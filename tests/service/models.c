@@ -540,6 +540,57 @@ static void data_folders(void)
 }
 
 // A folder of the version before: ids were half as long, killed daemons left work behind.
+// Loads that differ in one setting are two models: none is answered by the other's bake.
+static void test_settings_name_the_model(void **state)
+{
+    enum { N = 22 };
+    struct relight_load load[N];
+    struct relight_error error;
+    struct relight_loaded loaded;
+    char hash[65], id[N][ID_SIZE];
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    OK(relight_upload(client, "a.obj", octahedron, strlen(octahedron), NULL, NULL, hash, NULL,
+                      &error));
+    struct relight_file file = {"a.obj", hash};
+    for (int i = 0; i < N; i++)
+        load[i] = (struct relight_load){
+            .n_file = 1, .files = &file, .size_mm = 10, .material = "marble", .preview = true};
+    load[1].size_mm = 11;
+    load[2].size_mm = 0, load[2].mm_per_unit = 10;
+    load[3].material = "skin1";
+    load[4].up_z = true;
+    load[5].bake.transport = RELIGHT_TRANSPORT_JOINT;
+    load[6].bake.storage = RELIGHT_STORAGE_SPARSE;
+    load[7].bake.scattering = RELIGHT_SCATTERING_WALK;
+    load[8].bake.scattering = RELIGHT_SCATTERING_WALK, load[8].bake.walks = 512;
+    load[9].bake.samples = 1000;
+    load[10].bake.cube = 16;
+    load[11].bake.coeffs = 16;
+    load[12].bake.rank = 16;
+    load[13].bake.phase_terms = 4;
+    load[14].bake.single_points = 3;
+    load[15].bake.no_single = true;
+    load[16].bake.exit_planes = true;
+    load[17].bake.any_eta = true;
+    load[18].bake.max_error = 0.01f;
+    load[19].bake.seed = 1;
+    load[20].bake.env = "constant";
+    load[21].bake.env = "constant", load[21].bake.rotate_deg = 90;
+    for (int i = 0; i < N; i++) {
+        if (relight_load(client, &load[i], &loaded, &error)) fail_msg("%d: %s", i, error.text);
+        snprintf(id[i], ID_SIZE, "%s", loaded.model);
+        relight_loaded_finish(&loaded);
+        for (int k = 0; k < i; k++)
+            if (!strcmp(id[k], id[i])) fail_msg("loads %d and %d are one model", k, i);
+    }
+    OK(relight_load(client, &load[0], &loaded, &error)); // the same again is the same
+    assert_string_equal(loaded.model, id[0]);
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_earlier_data_folder(void **state)
 {
     char id[ID_SIZE], path[200];
@@ -891,6 +942,7 @@ int main(void)
         TEST(test_copying_is_shared_and_ends),
         TEST(test_unknown_names_cost_no_scan),
         TEST(test_names_belong_to_principals),
+        TEST(test_settings_name_the_model),
         TEST(test_earlier_data_folder),
         TEST(test_bake_env_is_no_path),
         TEST(test_files_of_one_name),

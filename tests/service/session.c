@@ -151,6 +151,31 @@ static void errors_name_parameter_and_range(void **state)
     end();
 }
 
+// --idle closes a silent connection, and not one that waits for an answer or an event.
+static void waiting_is_not_idle(void **state)
+{
+    begin((const char *const[]){"--idle", "1", NULL});
+    struct frames_answer a;
+    Relight__SubscribeRequest subscribe = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
+    struct frames *waits = frames_open(&d);
+    frames_add(waits, RELIGHT_TYPE_SUBSCRIBE, 2, &subscribe.base, NULL, 0);
+    frames_send(waits);
+    assert_true(frames_next(waits, &a, 20000, NULL));
+    assert_int_equal(a.id, 2);
+    struct frames *idle = frames_open(&d); // younger: its time ends later
+    assert_true(frames_next(idle, &a, 20000, NULL));
+    assert_true(a.closed);
+    frames_add(waits, RELIGHT_TYPE_PING, 3, &ping.base, NULL, 0);
+    assert_true(frames_try_send(waits));
+    assert_true(frames_next(waits, &a, 20000, NULL));
+    assert_false(a.closed);
+    assert_int_equal(a.id, 3);
+    frames_close(idle);
+    frames_close(waits);
+    end();
+}
+
 // At SIGTERM every connection learns how long its requests have and where to go.
 static void goaway(void **state)
 {
@@ -183,6 +208,7 @@ int main(void)
         cmocka_unit_test_teardown(hello_lists_features_and_limits, teardown),
         cmocka_unit_test_teardown(flags_of_later_versions, teardown),
         cmocka_unit_test_teardown(errors_name_parameter_and_range, teardown),
+        cmocka_unit_test_teardown(waiting_is_not_idle, teardown),
         cmocka_unit_test_teardown(goaway, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

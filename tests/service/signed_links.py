@@ -53,7 +53,10 @@ def pictures_by_link(d, shop):
     assert "by=shop" in link and "expires=" in link
     status, headers, picture = d.ask("GET", link)
     assert status == 200 and headers["content-type"] == "image/jpeg" and picture[:2] == b"\xff\xd8"
-    assert headers["cache-control"].startswith("public, max-age="), headers
+    # Caches keep it for five minutes at most, and no longer than the link lives.
+    assert headers["cache-control"] == "public, max-age=300", headers
+    brief = d.ask("GET", relight(d, "sign", "--expires", "100s", PATH, token=shop))
+    assert brief[0] == 200 and 1 <= int(brief[1]["cache-control"].split("max-age=")[1]) <= 100
     assert headers["cross-origin-resource-policy"] == "cross-origin"
     # The same with the token itself, and again by its tag.
     own = d.ask("GET", PATH, headers={"Authorization": "Bearer " + shop})

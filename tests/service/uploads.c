@@ -247,6 +247,8 @@ static void test_pings_during_large_chunks(void **state)
 }
 
 // A principal who promises another size, or never goes on, is in nobody's way.
+static const char payload_held[] = "relightd_resource_held{resource=\"payload\"}";
+
 // GET_BLOB sends the part that was asked for, to the end where no size or too much was.
 static void test_parts_come_back(void **state)
 {
@@ -264,6 +266,8 @@ static void test_parts_come_back(void **state)
     struct put p = {.hash = hash, .size = N, .bytes = bytes, .n = N};
     assert_int_equal(put(fd, &p, &received, &complete), 0);
     assert_true(complete);
+    struct relight_client *client = client_open(d.address);
+    const double before = metric(client, payload_held);
     assert_int_equal(get_range(fd, hash, 0, 0, bytes, N), 0);
     assert_int_equal(get_range(fd, hash, 0, 1, bytes, 1), 0);
     assert_int_equal(get_range(fd, hash, 100, 50, bytes, 50), 0);
@@ -271,6 +275,9 @@ static void test_parts_come_back(void **state)
     assert_int_equal(get_range(fd, hash, N, 0, bytes, 0), 0);
     assert_int_equal(get_range(fd, hash, N + 1, 0, bytes, 0),
                      RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE);
+    // What was charged for them is given back.
+    assert_true(metric(client, payload_held) == before);
+    relight_close(client);
     close(fd);
 }
 

@@ -324,6 +324,13 @@ static void window_in_bytes(void **state)
     assert_false(next_frame(view, &seen, 300));
     acknowledge(view, 4);
     assert_int_equal(frame_of(view, sequence).frame, 5);
+    // The field alone: from here one frame is as much as the window takes.
+    p.options.window_bytes = 1;
+    set(view, ++sequence, &p, (char *[]){"options.window_bytes"}, 1);
+    assert_true(next_frame(view, &seen, 20000));
+    assert_int_equal(seen.frame, 6);
+    set(view, ++sequence, &p, (char *[]){"lights"}, 1);
+    assert_false(next_frame(view, &seen, 300));
 }
 
 static void equal_frames(void **state)
@@ -361,6 +368,48 @@ static void equal_frames(void **state)
     assert_false(same.equal);
     assert_int_equal(same.n, OCTAHEDRON_VERTICES * 6);
     assert_int_equal(same.hash, other.hash);
+    // The frame before is an error: none is equal to it.
+    p.options.skip_equal = true;
+    set(view, 6, &p, (char *[]){"options.skip_equal"}, 1);
+    assert_true(frame_of(view, 6).equal);
+    p.state.n_lights = 0;
+    set(view, 7, &p, (char *[]){"lights"}, 1);
+    assert_int_equal(frame_of(view, 7).code, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE);
+    p.state.n_lights = 1;
+    set(view, 8, &p, (char *[]){"lights"}, 1);
+    same = frame_of(view, 8);
+    assert_false(same.equal);
+    assert_int_equal(same.n, OCTAHEDRON_VERTICES * 6);
+    assert_int_equal(same.hash, other.hash);
+}
+
+// A view of a model without a bake tells so once, tries again in silence, and draws the bake.
+static void a_bake_that_is_awaited(void **state)
+{
+    struct relight_load load = small_bake(9, 200);
+    struct relight_loaded loaded;
+    struct relight_error error;
+    struct seen seen;
+    struct put p;
+    char joint[ID_SIZE];
+    strcpy(joint, model);
+    load.preview = true;
+    OK(load_octahedron(client, &d, "awaited.obj", &load, &loaded, &error));
+    strcpy(model, loaded.model);
+    relight_loaded_finish(&loaded);
+    put_init(&p);
+    p.state.n_lights = 1;
+    p.light.env = "constant:1,2,3";
+    uint64_t view = open_view(&p);
+    strcpy(model, joint);
+    assert_int_equal(frame_of(view, 0).code, RELIGHT__ERROR_CODE__ERROR_NOT_READY);
+    assert_false(next_frame(view, &seen, 900)); // it tries every 250 ms
+    load.preview = false;
+    bake_octahedron(client, &d, "awaited.obj", &load, joint);
+    seen = frame_of(view, 0);
+    assert_int_equal(seen.code, 0);
+    assert_int_equal(seen.frame, 2);
+    assert_int_equal(seen.n, F32_BYTES);
 }
 
 // A picture of 32 x 32 pixels from there, in a view of its own where `view` is 0.
@@ -484,6 +533,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(acknowledged_without_an_answer, begin, end),
         cmocka_unit_test_setup_teardown(window_in_bytes, begin, end),
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
+        cmocka_unit_test_setup_teardown(a_bake_that_is_awaited, begin, end),
         cmocka_unit_test_setup_teardown(a_camera_is_replaced_whole, begin, end),
         cmocka_unit_test_setup_teardown(a_frame_has_its_deadline, begin, end),
         cmocka_unit_test_setup_teardown(rate_of_a_client, begin, end),
