@@ -10,8 +10,9 @@ import struct
 import sys
 import zlib
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
-from programs import daemon, expect, main, prt, relight  # noqa: E402
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, '..', 'unit'))
+from programs import daemon, expect, main, prt, relight, run  # noqa: E402
 from textured_ball import flat, glb, png  # noqa: E402
 
 SIZE = ['--size', '48x40']
@@ -135,6 +136,18 @@ def maps_are_of_their_medium():
            'an albedo map is used with the medium before')
 
 
+def turned_lights():
+    """A light turned by a quarter is that of the turned image: background, reflection and body."""
+    def sky(y, x):
+        return (240, 30 + 20 * y, 10 + 12 * x) if x < 6 else (9, 12, 15)
+    hdr('turned.hdr', lambda y, x: sky(y, (x + 4) % 16))
+    for model, orbit in (('draft', '20,0'), ('draft', '180,0'), ('free', '20,0'), ('free', '180,0')):
+        for name, options in (('a', ['--env', 'sky.hdr', '--rotate', '90']), ('b', ['--env', 'turned.hdr'])):
+            with open(name + '.png', 'wb') as f:
+                f.write(answer('image', model, ['--orbit', orbit, *options], 'png'))
+        print(run(sys.executable, os.path.join(HERE, 'picture_difference.py'), 'a.png', 'b.png', '2').said.strip())
+
+
 def every_option():
     prepare()
     glb('draft.glb', [], {})
@@ -145,6 +158,7 @@ def every_option():
         relight('load', 'draft.glb', '--size-mm', '20', '--material', 'marble', '--preview')
         each_changes('image', 'draft', PREVIEW + SHADE, 'png', ['--engine', 'tangent'])
         maps_are_of_their_medium()
+        turned_lights()
         each_changes('colors', 'free', BAKED, 'npy')
         each_changes('image', 'free', BAKED[:-2] + SHADE, 'png')
 
