@@ -33,7 +33,7 @@ void prt_mesh_footprint(const struct prt_mesh *mesh, uint32_t triangle, const fl
 struct place {
     const struct prt_mesh *mesh;
     uint32_t triangle;
-    float a, b, da[2], db[2];
+    float a, b, da[2], db[2]; // change of a and of b over the footprint's two axes
 };
 
 // Filtered value of one map; false where the surface has none.
@@ -135,7 +135,7 @@ void prt_mesh_look(const struct prt_mesh *mesh, uint32_t triangle, uint32_t bloc
 {
     const uint32_t s = mesh->block[block].surface;
     const struct prt_surface_maps *maps = mesh->maps ? &mesh->maps[s] : NULL;
-    const struct place p = {mesh, triangle, a, b, {da[0], db[0]}, {da[1], db[1]}};
+    const struct place p = {mesh, triangle, a, b, {da[0], da[1]}, {db[0], db[1]}};
     float rgba[4];
     *out = (struct prt_look){.base = {1, 1, 1, 1}, .roughness = -1, .occlusion = 1};
     memcpy(out->normal, normal, sizeof out->normal);

@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: MIT
 """Every option of a picture and of colours reaches the answer, whatever the daemon answered before:
 each answer differs from the one without the option and from all others, and asked again in another
-order, with everything in the daemon's cache, it has the same bytes.
+order, with everything in the daemon's cache, it has the same bytes. A map is of its medium.
 
    tests/service/every_option.py BIN"""
 import os
+import struct
 import sys
+import zlib
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
-from programs import daemon, expect, main, prt, relight  # noqa: E402
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, '..', 'unit'))
+from programs import daemon, expect, main, prt, relight, run  # noqa: E402
 from textured_ball import flat, glb, png  # noqa: E402
 
 SIZE = ['--size', '48x40']
@@ -114,6 +117,37 @@ def each_changes(command, model, list_, ending, more=()):
     print('%d answers to %s %s' % (2 * len(seen), command, model))
 
 
+def again(name, to):
+    """The same picture in a file with other bytes: with a comment before its last chunk."""
+    with open(name, 'rb') as f:
+        data = f.read()
+    comment = b'tEXtComment\0again'
+    with open(to, 'wb') as f:
+        f.write(data[:-12] + struct.pack('>I', len(comment) - 4) + comment
+                + struct.pack('>I', zlib.crc32(comment)) + data[-12:])
+
+
+def maps_are_of_their_medium():
+    """An albedo map is of the medium it is used with, also where it was used with another before."""
+    again('stripes.png', 'again.png')
+    first, second = ([*('--engine', 'tangent', '--albedo-map'), name, '--material', 'skin1']
+                     for name in ('again.png', 'stripes.png'))
+    expect(answer('image', 'draft', first, 'png') == answer('image', 'draft', second, 'png'),
+           'an albedo map is used with the medium before')
+
+
+def turned_lights():
+    """A light turned by a quarter is that of the turned image: background, reflection and body."""
+    def sky(y, x):
+        return (240, 30 + 20 * y, 10 + 12 * x) if x < 6 else (9, 12, 15)
+    hdr('turned.hdr', lambda y, x: sky(y, (x + 4) % 16))
+    for model, orbit in (('draft', '20,0'), ('draft', '180,0'), ('free', '20,0'), ('free', '180,0')):
+        for name, options in (('a', ['--env', 'sky.hdr', '--rotate', '90']), ('b', ['--env', 'turned.hdr'])):
+            with open(name + '.png', 'wb') as f:
+                f.write(answer('image', model, ['--orbit', orbit, *options], 'png'))
+        print(run(sys.executable, os.path.join(HERE, 'picture_difference.py'), 'a.png', 'b.png', '2').said.strip())
+
+
 def every_option():
     prepare()
     glb('draft.glb', [], {})
@@ -123,6 +157,8 @@ def every_option():
     with daemon('--models', 'models', '--data', 'data'):
         relight('load', 'draft.glb', '--size-mm', '20', '--material', 'marble', '--preview')
         each_changes('image', 'draft', PREVIEW + SHADE, 'png', ['--engine', 'tangent'])
+        maps_are_of_their_medium()
+        turned_lights()
         each_changes('colors', 'free', BAKED, 'npy')
         each_changes('image', 'free', BAKED[:-2] + SHADE, 'png')
 

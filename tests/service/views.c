@@ -461,6 +461,56 @@ static void a_camera_is_replaced_whole(void **state)
     }
 }
 
+// A picture of 32 x 32 pixels of an orbit, in a view of its own where `view` is 0.
+static struct seen look_from(uint64_t *view, uint64_t sequence, float azimuth, float zoom)
+{
+    Relight__Orbit orbit = RELIGHT__ORBIT__INIT;
+    struct put p;
+    put_init(&p);
+    relight__picture__init(&p.picture);
+    relight__camera__init(&p.camera);
+    p.state.picture = &p.picture;
+    p.picture.width = p.picture.height = 32;
+    p.picture.format = RELIGHT__IMAGE_FORMAT__IMAGE_PNG;
+    p.picture.camera = &p.camera;
+    p.camera.orbit = &orbit;
+    orbit.azimuth_deg = azimuth;
+    orbit.elevation_deg = 10;
+    orbit.zoom = zoom;
+    if (*view) {
+        set(*view, sequence, &p, (char *[]){"picture.camera"}, 1);
+    } else {
+        p.state.n_lights = 1;
+        p.light.env = "constant:1,2,3";
+        *view = open_view(&p);
+    }
+    return frame_of(*view, sequence);
+}
+
+// So it is with a camera that the daemon places, and between the two kinds.
+static void an_orbit_is_replaced_whole(void **state)
+{
+    uint64_t view = 0, orbits = 0, fixed = 0;
+    struct seen before = look_from(&view, 0, 0, 1);
+    const struct seen side = look_from(&orbits, 0, 20, 1), near = look_from(&orbits, 1, 20, 2),
+                      placed = look(&fixed, 0, 1, 0, 0, 40);
+    struct seen one = look_from(&view, 1, 20, 1);
+    assert_int_equal(one.hash, side.hash);
+    assert_true(one.hash && one.hash != before.hash);
+    one = look_from(&view, 2, 20, 2);
+    assert_int_equal(one.code, 0);
+    assert_int_equal(one.hash, near.hash);
+    assert_true(one.hash != side.hash);
+    one = look(&view, 3, 1, 0, 0, 40);
+    assert_int_equal(one.code, 0);
+    assert_int_equal(one.hash, placed.hash);
+    one = look_from(&view, 4, 20, 1);
+    assert_int_equal(one.code, 0);
+    assert_int_equal(one.hash, side.hash);
+    uint64_t fresh = 0;
+    assert_int_equal(look_from(&fresh, 0, 20, 2).hash, near.hash);
+}
+
 // Tracing irradiance under a new light takes far longer than a millisecond.
 static void a_frame_has_its_deadline(void **state)
 {
@@ -535,6 +585,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
         cmocka_unit_test_setup_teardown(a_bake_that_is_awaited, begin, end),
         cmocka_unit_test_setup_teardown(a_camera_is_replaced_whole, begin, end),
+        cmocka_unit_test_setup_teardown(an_orbit_is_replaced_whole, begin, end),
         cmocka_unit_test_setup_teardown(a_frame_has_its_deadline, begin, end),
         cmocka_unit_test_setup_teardown(rate_of_a_client, begin, end),
     };

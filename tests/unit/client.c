@@ -90,19 +90,24 @@ static void peer_pong(struct peer *p)
     peer_answer(p, &pong.base, NULL, 0);
 }
 
-static void peer_hello(struct peer *p)
+static void peer_hello_of(struct peer *p, uint64_t max_payload)
 {
     Relight__HelloAnswer m = RELIGHT__HELLO_ANSWER__INIT;
     static char *presets[] = {"marble"};
     if (!peer_read(p) || p->decoder.frame.type != RELIGHT_TYPE_HELLO) return;
     m.server = "peer";
     m.version = 1;
-    m.max_payload = 8 << 20;
+    m.max_payload = max_payload;
     m.max_in_flight = 64;
     m.chunk = 1000;
     m.presets = presets;
     m.n_presets = 1;
     peer_answer(p, &m.base, NULL, 0);
+}
+
+static void peer_hello(struct peer *p)
+{
+    peer_hello_of(p, 8 << 20);
 }
 
 static void *peer_main(void *arg)
@@ -507,6 +512,29 @@ static void begun_script(struct peer *p)
     store_blob(p, 4000);
 }
 
+// Has all bytes of an earlier connection, which its check refused: it takes them anew.
+static void refused_script(struct peer *p)
+{
+    uint64_t received = UINT64_MAX;
+    peer_hello(p);
+    while (peer_read(p)) {
+        struct relight_frame *f = &p->decoder.frame;
+        Relight__PutBlobRequest *m = (Relight__PutBlobRequest *)relight_frame_unpack(f);
+        Relight__PutBlobAnswer a = RELIGHT__PUT_BLOB_ANSWER__INIT;
+        p->blob_bytes += f->payload_size;
+        if (received == UINT64_MAX) {
+            a.received = m->size;
+            received = 0;
+        } else {
+            if (m->offset == received) received += f->payload_size;
+            a.received = received;
+            a.complete = received == m->size;
+        }
+        protobuf_c_message_free_unpacked(&m->base, NULL);
+        peer_answer(p, &a.base, NULL, 0);
+    }
+}
+
 static int count_progress(void *user, const struct relight_progress *progress)
 {
     ++*(int *)user;
@@ -550,6 +578,104 @@ static void uploads(void **state)
     assert_int_equal(sent, sizeof bytes - 4000);
     peer_stop(&p, client);
     assert_int_equal(p.blob_bytes, sizeof bytes - 4000);
+    // One whose bytes are all there and are not accepted is sent again.
+    peer_start(&p, refused_script, 0);
+    client = connect_to(&p, 30);
+    assert_int_equal(
+        relight_upload(client, "x", bytes, sizeof bytes, NULL, NULL, again, &sent, &error), 0);
+    assert_int_equal(sent, sizeof bytes);
+    peer_stop(&p, client);
+    assert_int_equal(p.blob_bytes, sizeof bytes);
+}
+
+// What a request for vertices had.
+static struct vertex_piece {
+    uint32_t first, n;
+    uint64_t if_generation, bytes;
+    char base[8];
+    float position, normal; // the first ones
+} piece[8];
+static unsigned n_piece;
+
+static void keep_piece(const struct relight_frame *f, uint32_t first, uint32_t n,
+                       uint64_t if_generation, const char *base)
+{
+    struct vertex_piece *to = &piece[n_piece++];
+    *to = (struct vertex_piece){first, n, if_generation, f->payload_size, "", 0, 0};
+    snprintf(to->base, sizeof to->base, "%s", base);
+    memcpy(&to->position, f->payload, sizeof to->position);
+    if (f->payload_size == 24 * n) memcpy(&to->normal, f->payload + 12 * n, sizeof to->normal);
+}
+
+// Takes at most 100 bytes a request. Its generations count from 40; its poses are p1, p2, and
+// so on.
+static void vertices_script(struct peer *p)
+{
+    peer_hello_of(p, 100);
+    n_piece = 0;
+    while (n_piece < 8 && peer_read(p)) {
+        const struct relight_frame *f = &p->decoder.frame;
+        ProtobufCMessage *m = relight_frame_unpack(f);
+        if (f->type == RELIGHT_TYPE_UPDATE_VERTICES) {
+            const Relight__UpdateVerticesRequest *u = (Relight__UpdateVerticesRequest *)m;
+            Relight__UpdateVerticesAnswer a = RELIGHT__UPDATE_VERTICES_ANSWER__INIT;
+            keep_piece(f, u->first, u->n, u->if_generation, "");
+            a.generation = 40 + n_piece;
+            peer_answer(p, &a.base, NULL, 0);
+        } else {
+            const Relight__PutPoseRequest *u = (Relight__PutPoseRequest *)m;
+            Relight__PutPoseAnswer a = RELIGHT__PUT_POSE_ANSWER__INIT;
+            char name[8];
+            keep_piece(f, u->first, u->n, 0, u->base_pose);
+            snprintf(name, sizeof name, "p%u", n_piece);
+            a.pose = name;
+            peer_answer(p, &a.base, NULL, 0);
+        }
+        protobuf_c_message_free_unpacked(m, NULL);
+    }
+}
+
+// Vertices that exceed the largest payload go in several requests, each with its own part. A
+// later one builds on what the one before it made: its generation, or its pose.
+static void vertices_in_pieces(void **state)
+{
+    enum { N = 10, FIRST = 3 };
+    struct peer p;
+    struct relight_error error;
+    float position[N][3], normal[N][3];
+    char pose[65];
+    uint64_t generation = 0;
+    for (int i = 0; i < N; i++)
+        for (int k = 0; k < 3; k++) position[i][k] = (float)i, normal[i][k] = (float)-i;
+    for (int kind = 0; kind < 3; kind++) {
+        const bool normals = kind != 1;
+        const uint32_t each = normals ? 4 : 8, pieces = normals ? 3 : 2;
+        const float *n = normals ? normal[0] : NULL;
+        peer_start(&p, vertices_script, 0);
+        struct relight_client *client = connect_to(&p, 30);
+        const int status =
+            kind == 2 ? relight_put_pose(client, "m", "p0", FIRST, N, position[0], n, false,
+                                         pose, &error)
+                      : relight_update_vertices_if(client, "m", kind ? 0 : 40, FIRST, N,
+                                                   position[0], n, false, &generation, &error);
+        assert_int_equal(status, 0);
+        peer_stop(&p, client);
+        assert_int_equal(n_piece, pieces);
+        for (uint32_t i = 0; i < pieces; i++) {
+            const uint32_t count = i + 1 < pieces ? each : N - i * each;
+            char base[8];
+            snprintf(base, sizeof base, kind == 2 ? "p%u" : "", i);
+            assert_int_equal(piece[i].first, FIRST + i * each);
+            assert_int_equal(piece[i].n, count);
+            assert_int_equal(piece[i].bytes, (normals ? 24 : 12) * count);
+            assert_int_equal(piece[i].if_generation, kind ? 0 : 40 + i);
+            assert_string_equal(piece[i].base, base);
+            assert_true(piece[i].position == (float)(i * each));
+            assert_true(piece[i].normal == (normals ? -(float)(i * each) : 0));
+        }
+        if (kind == 2) assert_string_equal(pose, "p3");
+        else assert_int_equal(generation, 40 + pieces);
+    }
 }
 
 static void *ping_many(void *arg)
@@ -786,6 +912,211 @@ static void fields_of_requests(void **state)
     }
 }
 
+// The first frame of a view, and what the client sends then.
+static void keep_view_script(struct peer *p)
+{
+    Relight__ViewFrame m = RELIGHT__VIEW_FRAME__INIT;
+    Relight__ImageAnswer image = RELIGHT__IMAGE_ANSWER__INIT;
+    peer_hello(p);
+    kept[0] = kept[1] = NULL;
+    if (!peer_read(p)) return;
+    kept[0] = relight_frame_unpack(&p->decoder.frame);
+    m.frame = 5;
+    image.width = image.height = 8;
+    m.image = &image;
+    peer_send(p, RELIGHT_TYPE_VIEW_OPEN | RELIGHT_TYPE_ANSWER, 0, p->decoder.frame.id, &m.base,
+              "x", 1);
+    while (!kept[1] && peer_read(p))
+        if (p->decoder.frame.type == RELIGHT_TYPE_VIEW_SET)
+            kept[1] = relight_frame_unpack(&p->decoder.frame);
+        else p->n_ack++;
+    Relight__ViewCloseAnswer closed = RELIGHT__VIEW_CLOSE_ANSWER__INIT;
+    if (peer_read(p)) peer_answer(p, &closed.base, NULL, 0);
+    peer_read(p);
+}
+
+static void expect_vec3(const Relight__Vec3 *v, float x, float y, float z)
+{
+    assert_true(v && v->x == x && v->y == y && v->z == z);
+}
+
+// So has a view, in its options, too. A new state tells the last frame that was shown.
+static void fields_of_views(void **state)
+{
+    static const char *const fields[] = {"picture", "options.window"};
+    struct peer p;
+    struct relight_error error;
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    uint64_t sequence = 0;
+    const struct relight_object_material of_object = {"ear", "wax"};
+    struct relight_view_request request = {.model = "m",
+                                           .n_light = 1,
+                                           .lights = &sky,
+                                           .shade = {.material = "jade",
+                                                     .n_material = 1,
+                                                     .materials = &of_object,
+                                                     .has_eye = true,
+                                                     .eye = {1, 2, 3},
+                                                     .albedo_map = "a",
+                                                     .normal_map = "b",
+                                                     .bump_map = "c",
+                                                     .bump_mm = .75f},
+                                           .picture = {.width = 21,
+                                                       .height = 22,
+                                                       .camera = {.set = true,
+                                                                  .eye = {4, 5, 6},
+                                                                  .target = {7, 8, 9},
+                                                                  .up = {1, 2},
+                                                                  .fovy_deg = 31},
+                                                       .format = RELIGHT_IMAGE_EXR_FLOAT,
+                                                       .quality = 77,
+                                                       .tone = RELIGHT_TONE_REINHARD,
+                                                       .exposure_ev = -2,
+                                                       .plain_background = true,
+                                                       .background = {.1f, .2f, .3f},
+                                                       .samples = 8,
+                                                       .no_specular = true,
+                                                       .floor = true,
+                                                       .transparent = true},
+                                           .color_format = RELIGHT_COLOR_F16,
+                                           .color_exposure_ev = .5f,
+                                           .max_fps = 23,
+                                           .window = 3,
+                                           .window_bytes = 24,
+                                           .frame_deadline_ms = 25,
+                                           .priority = RELIGHT_PRIORITY_STILL,
+                                           .skip_equal = true,
+                                           .most_rank = 26,
+                                           .phases = true,
+                                           .exits = true,
+                                           .coarse = true,
+                                           .pose = "bent"};
+    peer_start(&p, keep_view_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    assert_int_equal(relight_view_open(client, &request, &view, &error), 0);
+    assert_int_equal(relight_view_next(view, 30, &frame, &error), 0);
+    relight_frame_out_finish(&frame);
+    assert_int_equal(relight_view_change(view, &request, 2, fields, &sequence, &error), 0);
+    assert_int_equal(sequence, 1);
+    assert_int_equal(relight_view_close(view, NULL, NULL, &error), 0);
+    peer_stop(&p, client);
+    const Relight__ViewOpenRequest *open = (const Relight__ViewOpenRequest *)kept[0];
+    const Relight__ViewSetRequest *set = (const Relight__ViewSetRequest *)kept[1];
+    assert_true(open && set);
+    assert_string_equal(open->model, "m");
+    assert_int_equal(open->priority, RELIGHT__PRIORITY__PRIORITY_STILL);
+    assert_int_equal(set->sequence, 1);
+    assert_int_equal(set->shown, 5);
+    assert_int_equal(set->state->n_fields, 2);
+    assert_int_equal(open->state->n_lights, 1);
+    assert_int_equal(set->state->n_lights, 0);
+    for (int k = 0; k < 2; k++) {
+        const Relight__ViewState *m = k ? set->state : open->state;
+        const Relight__Picture *i = m->picture;
+        const Relight__Shade *s = m->shade;
+        const Relight__ViewOptions *o = m->options;
+        assert_string_equal(m->pose, "bent");
+        assert_true(i->width == 21 && i->height == 22 && i->quality == 77 && i->samples == 8);
+        assert_int_equal(i->format, RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT);
+        assert_int_equal(i->tone, RELIGHT__TONE__TONE_REINHARD);
+        assert_true(i->exposure_ev == -2 && i->plain_background);
+        assert_true(i->no_specular && i->floor && i->transparent);
+        expect_vec3(i->background, .1f, .2f, .3f);
+        expect_vec3(i->camera->eye, 4, 5, 6);
+        expect_vec3(i->camera->target, 7, 8, 9);
+        expect_vec3(i->camera->up, 1, 2, 0);
+        assert_true(i->camera->fovy_deg == 31);
+        assert_string_equal(s->material, "jade");
+        assert_int_equal(s->n_materials, 1);
+        assert_string_equal(s->materials[0]->object, "ear");
+        assert_string_equal(s->materials[0]->material, "wax");
+        expect_vec3(s->eye, 1, 2, 3);
+        assert_string_equal(s->albedo_map, "a");
+        assert_string_equal(s->normal_map, "b");
+        assert_string_equal(s->bump_map, "c");
+        assert_true(s->bump_mm == .75f);
+        assert_int_equal(o->color_format, RELIGHT__COLOR_FORMAT__COLOR_F16);
+        assert_true(o->color_exposure_ev == .5f && o->max_fps == 23 && o->window == 3);
+        assert_true(o->window_bytes == 24 && o->frame_deadline_ms == 25 && o->most_rank == 26);
+        assert_true(o->skip_equal && o->phases && o->exits && o->coarse);
+        protobuf_c_message_free_unpacked(kept[k], NULL);
+    }
+}
+
+// Colours of fewer vertices: those of the others are means of their parents. An order of
+// another bake, or fewer colours than it has roots, are refused.
+static void coarse_colours_are_of_their_order(void **state)
+{
+    static const uint32_t vertex[] = {4, 0, 2, 1, 3},
+                          parent[][2] = {{0, 0}, {0, 0}, {0, 1}, {0, 2}, {2, 3}};
+    static const float sent[] = {8, 0, 1, 0, 4, 1, 2, 2, 1}; // of vertices 4, 0, 2
+    static const float want[][3] = {
+        {0, 4, 1}, {5, 1, 1}, {2, 2, 1}, {3.5f, 1.5f, 1}, {8, 0, 1}};
+    struct relight_coarse_order order = {
+        .hash = 7, .n_vertex = 5, .n_root = 2, .vertex = vertex, .parent = parent};
+    struct relight_colors colors = {.n_vertex = 5,
+                                    .n_plane = 1,
+                                    .n_coarse = 3,
+                                    .coarse_order = 7,
+                                    .plane_bytes = sizeof sent,
+                                    .format = RELIGHT_COLOR_F32,
+                                    .data = sent};
+    float out[5][3];
+    assert_int_equal(relight_coarse_expand(&order, &colors, 0, out[0]), 0);
+    assert_memory_equal(out, want, sizeof want);
+    assert_int_equal(relight_coarse_expand(&order, &colors, 1, out[0]), -RELIGHT_E_ARGUMENT);
+    colors.coarse_order = 8;
+    assert_int_equal(relight_coarse_expand(&order, &colors, 0, out[0]), -RELIGHT_E_MISMATCH);
+    colors.coarse_order = 7;
+    order.n_root = 4;
+    assert_int_equal(relight_coarse_expand(&order, &colors, 0, out[0]), -RELIGHT_E_MISMATCH);
+    order.n_root = 2;
+    colors.n_vertex = 6;
+    assert_int_equal(relight_coarse_expand(&order, &colors, 0, out[0]), -RELIGHT_E_MISMATCH);
+}
+
+// Every number of a cost has its own name.
+static void cost_script(struct peer *p)
+{
+    Relight__ColorsAnswer m = RELIGHT__COLORS_ANSWER__INIT;
+    Relight__Cost c = RELIGHT__COST__INIT;
+    static const float rgb[3];
+    c.queue_ms = 1, c.light_ms = 2, c.relight_ms = 3, c.raster_ms = 4;
+    c.shade_ms = 5, c.encode_ms = 6, c.total_ms = 7, c.error_bound = 8;
+    c.shared = 9, c.samples = 10, c.frames = 11, c.reduced = 12, c.bake_fraction = 13;
+    c.engine = RELIGHT__ENGINE__ENGINE_JOINT;
+    c.note = "note";
+    c.converged = true;
+    m.n_vertex = m.n_plane = 1;
+    m.plane_bytes = sizeof rgb;
+    m.cost = &c;
+    peer_hello(p);
+    if (peer_read(p)) peer_answer(p, &m.base, rgb, sizeof rgb);
+    peer_read(p);
+}
+
+static void fields_of_costs(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    struct relight_colors colors;
+    struct relight_colors_request request = {.model = "m", .n_light = 1, .lights = &sky};
+    peer_start(&p, cost_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    assert_int_equal(relight_colors(client, &request, &colors, &error), 0);
+    const struct relight_cost *c = &colors.cost;
+    assert_true(c->queue_ms == 1 && c->light_ms == 2 && c->relight_ms == 3);
+    assert_true(c->raster_ms == 4 && c->shade_ms == 5 && c->encode_ms == 6);
+    assert_true(c->total_ms == 7 && c->error_bound == 8 && c->bake_fraction == 13);
+    assert_true(c->shared == 9 && c->samples == 10 && c->frames == 11 && c->reduced == 12);
+    assert_int_equal(c->engine, RELIGHT_ENGINE_JOINT);
+    assert_string_equal(c->note, "note");
+    assert_true(c->converged && !c->draft);
+    relight_colors_finish(&colors);
+    peer_stop(&p, client);
+}
+
 static void cameras(void **state)
 {
     struct relight_camera c;
@@ -821,11 +1152,15 @@ int main(void)
         cmocka_unit_test(answers_with_wrong_sizes),
         cmocka_unit_test(damaged),
         cmocka_unit_test(uploads),
+        cmocka_unit_test(vertices_in_pieces),
         cmocka_unit_test(threads_share_a_client),
         cmocka_unit_test(requests_while_answers_arrive),
         cmocka_unit_test(views),
         cmocka_unit_test(formats),
         cmocka_unit_test(fields_of_requests),
+        cmocka_unit_test(fields_of_views),
+        cmocka_unit_test(fields_of_costs),
+        cmocka_unit_test(coarse_colours_are_of_their_order),
         cmocka_unit_test(cameras),
     };
     return cmocka_run_group_tests_name("client", tests, NULL, NULL);

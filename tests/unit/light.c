@@ -648,6 +648,31 @@ static void values_of_mended_pixels(void **state)
     unlink(path);
 }
 
+/* The largest channel of a Radiance pixel is rounded to the nearest of 256 steps, also where it
+ * rounds up to the next power of two. */
+static void rgbe_rounds_to_nearest(void **state)
+{
+    enum { W = 64, H = 32 };
+    struct prt_image im = blank(W, H), back;
+    struct prt_blob blob;
+    for (int i = 0; i < W * H; i++) {
+        im.rgb[3 * i + 1] = ldexpf(0.5f + 0.5f * (float)i / (W * H), i % 9 - 4);
+        im.rgb[3 * i] = 0.3f * im.rgb[3 * i + 1];
+        im.rgb[3 * i + 2] = i % 2 ? im.rgb[3 * i + 1] : 0;
+    }
+    assert_int_equal(prt_encode_hdr(&ctx, &im, &blob), PRT_OK);
+    assert_int_equal(prt_image_load_memory(&ctx, "a.hdr", blob.bytes, blob.size, &back), 0);
+    for (int i = 0; i < W * H; i++) {
+        const float half_step = ldexpf(0.501f, i % 9 - 4 - 8);
+        assert_float_equal(back.rgb[3 * i + 1], im.rgb[3 * i + 1], half_step);
+        assert_float_equal(back.rgb[3 * i], im.rgb[3 * i], 2 * half_step);
+        assert_float_equal(back.rgb[3 * i + 2], im.rgb[3 * i + 2], half_step);
+    }
+    prt_free(blob.bytes);
+    prt_image_finish(&back);
+    prt_image_finish(&im);
+}
+
 static void hdr_variants(void **state)
 {
     static const char *const same[] = {"flat.hdr",
@@ -785,6 +810,7 @@ int main(void)
         cmocka_unit_test(pixels_are_mended),
         cmocka_unit_test(values_of_mended_pixels),
         cmocka_unit_test(hdr_variants),
+        cmocka_unit_test(rgbe_rounds_to_nearest),
     };
     return run_test_group(tests, setup, NULL);
 }

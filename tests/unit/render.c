@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: MIT
-// Parts of an answer that no model is needed for: colours as bytes, and which of a bake's
-// measured errors is told.
+// Parts of an answer that no bake is needed for: colours and pictures as bytes, which of a
+// bake's measured errors is told, the numbers of a cost, keys of lights and media, and the
+// camera.
 #include <setjmp.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -75,11 +78,244 @@ static void the_error_is_that_of_the_view(void **state)
     free(r);
 }
 
+// Every number of a cost has its own name. What is left of the whole time is the queue's.
+static void a_cost_has_its_numbers(void **state)
+{
+    const struct render_result r = {.light_ms = 1,
+                                    .relight_ms = 2,
+                                    .raster_ms = 4,
+                                    .shade_ms = 8,
+                                    .encode_ms = 16,
+                                    .total_ms = 63,
+                                    .shared = 3,
+                                    .error_bound = .5f,
+                                    .engine = RELIGHT__ENGINE__ENGINE_JOINT,
+                                    .samples = 5,
+                                    .frames = 6,
+                                    .converged = true,
+                                    .note = "note",
+                                    .bake_fraction = .25f};
+    Relight__Cost c;
+    render_cost_message(&r, &c);
+    assert_true(c.light_ms == 1 && c.relight_ms == 2 && c.raster_ms == 4);
+    assert_true(c.shade_ms == 8 && c.encode_ms == 16 && c.total_ms == 63 && c.queue_ms == 32);
+    assert_true(c.shared == 3 && c.samples == 5 && c.frames == 6 && c.converged && !c.draft);
+    assert_true(c.error_bound == .5f && c.bake_fraction == .25f);
+    assert_int_equal(c.engine, RELIGHT__ENGINE__ENGINE_JOINT);
+    assert_string_equal(c.note, "note");
+}
+
+static void expect_different(const char *a, const char *b)
+{
+    if (!strcmp(a, b)) fail_msg("the same key: %s", a);
+}
+
+// Keys name all that a light depends on: its cube within a payload, its gain and its turn. The
+// key of a light before its turn has all but the turn.
+static void keys_of_lights(void **state)
+{
+    static const float texels[2 * 18 * 16 * 16];
+    struct render_light first = {.cube_n = 16, .gain = {1, 1, 1}}, other = first;
+    for (int hashed = 0; hashed < 2; hashed++) {
+        static const char *const hash[] = {"", "0123"};
+        other = first;
+        render_light_name(&first, texels, hash[hashed]);
+        other.texel = 18 * 16 * 16;
+        render_light_name(&other, texels, hash[hashed]);
+        if (hashed) expect_different(first.key, other.key);
+        else assert_string_equal(first.key, other.key); // equal texels
+        for (int c = 0; c < 3; c++) {
+            other = first;
+            other.gain[c] = 2;
+            render_light_name(&other, texels, hash[hashed]);
+            expect_different(first.key, other.key);
+            expect_different(first.still_key, other.still_key);
+        }
+        other = first;
+        other.rotate_deg = 30;
+        render_light_name(&other, texels, hash[hashed]);
+        expect_different(first.key, other.key);
+        assert_string_equal(first.still_key, other.still_key);
+    }
+    // Turned in a view, a light has the key of one that came so.
+    struct render_spec *spec = calloc(1, sizeof *spec);
+    Relight__Light turn = RELIGHT__LIGHT__INIT, *turns[] = {&turn};
+    char error[300];
+    assert_non_null(spec);
+    spec->n_light = 1;
+    spec->light[0] = first;
+    turn.rotate_deg = 30 - 720;
+    assert_int_equal(render_spec_turn(spec, 1, turns, true, false, error), 0);
+    assert_string_equal(spec->light[0].key, other.key);
+    assert_int_equal(render_spec_turn(spec, 0, turns, true, false, error),
+                     RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    free(spec);
+}
+
+static void expect_other_material(const struct prt_material *a, const struct prt_material *b)
+{
+    char one[MATERIAL_KEY], two[MATERIAL_KEY];
+    material_key(a, one);
+    material_key(b, two);
+    expect_different(one, two);
+}
+
+// So do those of media, whatever a medium's name is.
+static void keys_of_media(void **state)
+{
+    struct prt_material *m = calloc(2, sizeof *m);
+    char one[MATERIAL_KEY], two[MATERIAL_KEY];
+    assert_non_null(m);
+    m[0] = (struct prt_material){
+        .name = "a", .eta = 1.3f, .roughness = .3f, .profile = 1, .n_point = 4};
+    for (int field = 0; field < 6; field++)
+        for (int c = 0; c < (field < 4 ? 3 : 1); c++) {
+            m[1] = m[0];
+            float *const at[] = {&m[1].sigma_s_prime[c],  &m[1].sigma_a[c], &m[1].g[c],
+                                 &m[1].reflectance[c][3], &m[1].eta,        &m[1].roughness};
+            *at[field] += .125f;
+            expect_other_material(&m[0], &m[1]);
+        }
+    m[1] = m[0];
+    m[1].radius[3] = 1;
+    expect_other_material(&m[0], &m[1]);
+    m[1] = m[0];
+    m[1].name[0] = 'b';
+    material_key(&m[0], one);
+    material_key(&m[1], two);
+    assert_string_equal(one, two);
+    // The same media of the same objects in another order are other media.
+    struct media_map *map[3];
+    for (int k = 0; k < 3; k++) {
+        assert_non_null(map[k] = media_map_create(2));
+        for (unsigned i = 0; i < 2; i++) {
+            snprintf(map[k]->entry[i].object, 8, "%c", k == 1 ? 'b' - (int)i : 'a' + (int)i);
+            map[k]->entry[i].material = m[0];
+            map[k]->entry[i].material.eta += (float)i / 8;
+        }
+        if (k == 2) map[k]->entry[1].material.eta += .25f;
+        media_map_set_key(map[k]);
+    }
+    expect_different(map[0]->key, map[1]->key);
+    expect_different(map[0]->key, map[2]->key);
+    for (int k = 0; k < 3; k++) media_map_release(map[k]);
+    free(m);
+}
+
+// Without a camera a model is framed for the picture's shape, whatever shape the picture before
+// had, and for its vertices as they are.
+static void frames_fit_the_picture(void **state)
+{
+    static const float position[][3] = {{-3, -1, 0}, {3, -1, 0}, {3, 1, 0}, {-3, 1, 0}};
+    static const uint32_t triangle[][3] = {{0, 1, 2}, {0, 2, 3}};
+    static const uint32_t sides[][2] = {{90, 30}, {30, 90}, {60, 60}, {90, 30}};
+    float moved[4][3];
+    struct prt_context ctx;
+    struct prt_mesh *mesh[2];
+    struct model *model = calloc(1, sizeof *model);
+    struct render_spec *spec = calloc(1, sizeof *spec);
+    char error[300];
+    assert_true(model && spec);
+    prt_context_init(&ctx);
+    for (int i = 0; i < 12; i++) moved[i / 3][i % 3] = 2 * position[i / 3][i % 3];
+    assert_int_equal(prt_mesh_create(&ctx, 4, position, NULL, 2, triangle, &mesh[0]), 0);
+    assert_int_equal(
+        prt_mesh_create(&ctx, 4, (const float(*)[3])moved, NULL, 2, triangle, &mesh[1]), 0);
+    for (int i = 0; i < 8; i++) {
+        struct prt_camera chosen, want;
+        const struct prt_mesh *seen = mesh[i / 4];
+        spec->width = sides[i % 4][0];
+        spec->height = sides[i % 4][1];
+        prt_camera_frame(seen, (float)spec->width / (float)spec->height, &want);
+        assert_int_equal(camera_choose(model, 1 + (uint64_t)i / 4, spec, seen, &chosen, error),
+                         0);
+        assert_memory_equal(chosen.eye, want.eye, sizeof want.eye);
+        assert_memory_equal(chosen.target, want.target, sizeof want.target);
+        assert_true(chosen.fovy_deg == want.fovy_deg);
+    }
+    prt_mesh_destroy(mesh[0]);
+    prt_mesh_destroy(mesh[1]);
+    free(spec);
+    free(model);
+}
+
+static struct prt_blob picture_as(int format, unsigned quality, float ev)
+{
+    enum { SIDE = 16 };
+    struct prt_context ctx;
+    float rgb[SIDE * SIDE][3];
+    struct prt_image image = {SIDE, SIDE, rgb[0], NULL};
+    struct render_spec *spec = calloc(1, sizeof *spec);
+    struct prt_blob out = {0};
+    assert_non_null(spec);
+    prt_context_init(&ctx);
+    for (int i = 0; i < SIDE * SIDE; i++)
+        for (int c = 0; c < 3; c++) rgb[i][c] = (float)(i * (7 + c) % 31 + 1) / 300;
+    spec->width = spec->height = SIDE;
+    spec->image_format = format;
+    spec->quality = quality;
+    spec->picture_ev = ev;
+    spec->tone = RELIGHT__TONE__TONE_NONE;
+    assert_int_equal(encode_image(&ctx, spec, &image, &out), 0);
+    free(spec);
+    return out;
+}
+
+static bool equal_pictures(int format, const unsigned quality[2], const float ev[2])
+{
+    struct prt_blob a = picture_as(format, quality[0], ev[0]),
+                    b = picture_as(format, quality[1], ev[1]);
+    const bool equal = a.size == b.size && !memcmp(a.bytes, b.bytes, a.size);
+    prt_free(a.bytes);
+    prt_free(b.bytes);
+    return equal;
+}
+
+// A JPEG has the quality that its request names, pictures of 8 and 16 bits the exposure; linear
+// ones are not exposed. OpenEXR of floats keeps all their bits, of halves not.
+static void pictures_have_their_options(void **state)
+{
+    static const int exposed[] = {
+        RELIGHT__IMAGE_FORMAT__IMAGE_JPEG, RELIGHT__IMAGE_FORMAT__IMAGE_PNG,
+        RELIGHT__IMAGE_FORMAT__IMAGE_PNG16, RELIGHT__IMAGE_FORMAT__IMAGE_RGB8};
+    static const int linear[] = {RELIGHT__IMAGE_FORMAT__IMAGE_EXR,
+                                 RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT,
+                                 RELIGHT__IMAGE_FORMAT__IMAGE_F16};
+    static const unsigned same[2] = {90, 90}, worse[2] = {90, 40};
+    static const float none[2] = {0, 0}, brighter[2] = {0, 1};
+    assert_false(equal_pictures(RELIGHT__IMAGE_FORMAT__IMAGE_JPEG, worse, none));
+    for (int i = 0; i < 4; i++) assert_false(equal_pictures(exposed[i], same, brighter));
+    for (int i = 0; i < 3; i++) assert_true(equal_pictures(linear[i], same, brighter));
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    for (int whole = 0; whole < 2; whole++) {
+        struct prt_image image;
+        double worst = 0;
+        struct prt_blob file = picture_as(whole ? RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT
+                                                : RELIGHT__IMAGE_FORMAT__IMAGE_EXR,
+                                          90, 0);
+        assert_int_equal(prt_image_load_memory(&ctx, "a.exr", file.bytes, file.size, &image),
+                         0);
+        for (int i = 0; i < 16 * 16 * 3; i++) {
+            const float want = (float)(i / 3 * (7 + i % 3) % 31 + 1) / 300;
+            worst = fmax(worst, fabs((double)(image.rgb[i] - want)));
+        }
+        assert_true(whole ? worst == 0 : worst > 0 && worst < 1e-4);
+        prt_image_finish(&image);
+        prt_free(file.bytes);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(coarse_colours_are_those_of_all),
         cmocka_unit_test(the_error_is_that_of_the_view),
+        cmocka_unit_test(a_cost_has_its_numbers),
+        cmocka_unit_test(keys_of_lights),
+        cmocka_unit_test(keys_of_media),
+        cmocka_unit_test(frames_fit_the_picture),
+        cmocka_unit_test(pictures_have_their_options),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,6 +4,7 @@
 #include "mesh/obj_material.h"
 #include "prt/light.h"
 #include "prt/mesh.h"
+#include "prt/raster.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -495,6 +496,46 @@ static void normals_tilt_up(void **state)
     prt_mesh_destroy(m);
 }
 
+// A picture reads a map at the level whose texels have the size of a pixel, in pictures of
+// every shape.
+static void level_of_a_pixel(void **state)
+{
+    enum { SIDE = 64, LEVELS = 7 };
+    static const uint32_t sides[][2] = {{40, 40}, {160, 40}, {20, 80}};
+    struct prt_context ctx = context();
+    struct prt_mesh *m = load(&ctx, "\"occlusionTexture\":{\"index\":0}");
+    struct prt_texture_image image;
+    uint8_t *t = ramp(SIDE, SIDE, PRT_TEXTURE_DATA, &image), *at = t;
+    for (uint32_t k = 0; k < LEVELS; k++) {
+        const size_t n = 4 * (size_t)(SIDE >> k) * (SIDE >> k);
+        memset(at, 20 * (int)k, n);
+        at += n;
+    }
+    m->image[0] = image;
+    m->texel = t;
+    for (int i = 0; i < 3; i++) {
+        // two units are as high as the picture
+        const struct prt_camera camera = {.eye = {.5f, .5f, 2},
+                                          .target = {.5f, .5f, 0},
+                                          .up = {0, 1, 0},
+                                          .fovy_deg = 53.130102f};
+        const struct prt_raster raster = {sides[i][0], sides[i][1], 1, PRT_RASTER_AUTO};
+        const double want = log2(2.0 * SIDE / sides[i][1]);
+        struct prt_visibility *seen = NULL;
+        struct prt_gbuffer g;
+        double level = 0;
+        assert_int_equal(prt_visibility_create(&ctx, m, &camera, &raster, &seen), PRT_OK);
+        prt_visibility_gbuffer(seen, &g);
+        assert_true(g.n_point > 100 && g.occlusion);
+        for (uint32_t k = 0; k < g.n_point; k++)
+            level += (double)g.occlusion[k] * 255 / 20 / g.n_point;
+        if (fabs(level - want) > 0.05) fail_msg("level %g, %g is a pixel's", level, want);
+        prt_visibility_destroy(seen);
+    }
+    prt_free(t);
+    prt_mesh_destroy(m);
+}
+
 // The mean of normals is shorter the more they differ, at every level: its length is the look's
 // variance, and is not lost on the way to the coarsest.
 static void means_of_normals_stay_short(void **state)
@@ -583,6 +624,7 @@ int main(void)
         cmocka_unit_test(wrap_modes),
         cmocka_unit_test(levels_average_light),
         cmocka_unit_test(levels_by_footprint),
+        cmocka_unit_test(level_of_a_pixel),
         cmocka_unit_test(anisotropic),
         cmocka_unit_test(odd_sides_weigh_by_area),
         cmocka_unit_test(transforms_turn_footprints),

@@ -184,7 +184,7 @@ struct prt_look {
     float emission[3]; /* radiance */
 };
 /* The look at barycentrics (a, b) of a triangle. normal: the interpolated one, unit. da, db:
- * change of (a, b) over the footprint's two axes. Thread-safe. */
+ * change of a and of b over each of the footprint's two axes. Thread-safe. */
 void prt_mesh_look(const struct prt_mesh *mesh, uint32_t triangle, uint32_t block, float a,
                    float b, const float da[2], const float db[2], const float normal[3],
                    struct prt_look *out);
