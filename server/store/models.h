@@ -112,8 +112,9 @@ struct model {
     struct model_watcher *watcher;
     struct gathering *gathering;
     unsigned n_turning;        /* evaluations whose lights are being turned for a pass */
-    struct prt_camera frame;   /* frames this generation at this aspect, computed once */
+    struct prt_camera frame;   /* frames this generation, variant and aspect, computed once */
     uint64_t frame_generation; /* 0: none was */
+    char frame_variant[VARIANT_NAME];
     float frame_aspect;
     unsigned users; /* references: the registry, requests in progress */
 };

@@ -53,10 +53,13 @@ int camera_choose(struct model *model, uint64_t generation, const struct render_
                    ? RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE
                    : 0;
     float aspect = (float)s->width / (float)s->height;
-    // Framing reads every vertex and runs on the loop's thread: it is done once a generation.
-    if (model->frame_generation != generation || model->frame_aspect != aspect) {
+    // Framing reads every vertex and runs on the loop's thread: it is done once a generation. A
+    // variant may have other translucent parts, which are what is framed.
+    if (model->frame_generation != generation || model->frame_aspect != aspect ||
+        strcmp(model->frame_variant, s->variant)) {
         prt_camera_frame(mesh, aspect, &model->frame);
         model->frame_generation = generation;
+        memcpy(model->frame_variant, s->variant, sizeof model->frame_variant);
         model->frame_aspect = aspect;
     }
     *out = model->frame;
