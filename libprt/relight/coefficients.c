@@ -73,22 +73,36 @@ static int gather_clusters(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+static float power_of_two(int exponent)
+{
+    const uint32_t bits = (uint32_t)(exponent + 127) << 23;
+    float x;
+    memcpy(&x, &bits, 4);
+    return x;
+}
+
 // Two triples, of numbers below 2^15 in magnitude, as two u32 (prt/relight.h). Of their
 // largest number the mantissa is 256 to 511, unless it is below 1.
 static void pack_two(const float number[6], uint32_t out[2])
 {
     float most = 0;
-    int exponent = 0;
-    for (int i = 0; i < 6; i++) most = fmaxf(most, fabsf(number[i])); // NaN is passed over
-    frexpf(fminf(most, 0x1p14f), &exponent);
-    exponent += most >= ldexpf(511.5f, exponent - 9); // it would round to 512
+    uint32_t bits;
+    for (int i = 0; i < 6; i++) {
+        const float x = fabsf(number[i]);
+        most = x > most ? x : most; // NaN is passed over
+    }
+    most = most < 0x1p14f ? most : 0x1p14f;
+    memcpy(&bits, &most, 4);
+    int exponent = (int)(bits >> 23) - 126; // most < 2^exponent
+    exponent += most >= 511.5f * power_of_two(exponent < -100 ? -100 : exponent - 9); // to 512
     exponent = exponent < 0 ? 0 : exponent > 15 ? 15 : exponent;
-    const float steps = ldexpf(1, 9 - exponent);
+    const float steps = power_of_two(9 - exponent);
     for (int i = 0; i < 2; i++) {
         out[i] = (uint32_t)(exponent >> 2 * i & 3) << 30;
         for (int c = 0; c < 3; c++) {
-            const float m = fmaxf(-511, fminf(511, rintf(number[3 * i + c] * steps)));
-            out[i] |= ((uint32_t)(int)m & 1023) << 10 * c;
+            const float m = number[3 * i + c] * steps;
+            const float least = m > -511 ? m : -511; // NaN becomes it
+            out[i] |= ((uint32_t)lrintf(least < 511 ? least : 511) & 1023) << 10 * c;
         }
     }
 }
