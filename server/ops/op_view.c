@@ -533,7 +533,7 @@ static int apply_parts(struct render_spec *next, struct view_options *options,
         if (optional) *options = given;
     }
     render_spec_finish(&values);
-    return code;
+    return code ? code : render_spec_alpha(next, error);
 }
 
 // Applies a state; a refused one changes nothing.

@@ -263,6 +263,52 @@ static void states_that_are_refused(void **state)
     assert_int_equal(before.hash, after.hash);
 }
 
+// A picture of 32 x 32 pixels in this format, with the background left out or not.
+static void put_picture(struct put *p, Relight__ImageFormat format, bool transparent)
+{
+    put_init(p);
+    relight__picture__init(&p->picture);
+    p->state.picture = &p->picture;
+    p->picture.width = p->picture.height = 32;
+    p->picture.format = format;
+    p->picture.transparent = transparent;
+}
+
+// Alpha needs a format that has it: what counts is the state that follows from the fields, not
+// the values beside them.
+static void alpha_by_name(void **state)
+{
+    const int no = RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+    const Relight__ImageFormat jpeg = RELIGHT__IMAGE_FORMAT__IMAGE_JPEG,
+                               png = RELIGHT__IMAGE_FORMAT__IMAGE_PNG;
+    char *const transparent = "picture.transparent", *const format = "picture.format";
+    struct put p;
+    put_picture(&p, png, true);
+    p.state.n_lights = 1;
+    p.light.env = "constant:1,2,3";
+    uint64_t straight = open_view(&p);
+    const struct seen want = frame_of(straight, 0);
+    p.picture.transparent = false;
+    uint64_t view = open_view(&p);
+    const struct seen opaque = frame_of(view, 0);
+    assert_true(want.hash && opaque.hash && want.hash != opaque.hash);
+    // The view has a format with alpha.
+    put_picture(&p, jpeg, true);
+    assert_int_equal(code_of(set(view, 1, &p, (char *[]){transparent}, 1)), 0);
+    assert_int_equal(frame_of(view, 1).hash, want.hash);
+    // And has none afterwards.
+    assert_int_equal(code_of(set(straight, 1, &p, (char *[]){format, transparent}, 2)), no);
+    p.picture.transparent = false;
+    assert_int_equal(code_of(set(straight, 1, &p, (char *[]){format}, 1)), no);
+    set(straight, 1, &p, (char *[]){"options"}, 1); // nothing of it was taken
+    assert_int_equal(frame_of(straight, 1).hash, want.hash);
+    assert_int_equal(code_of(set(view, 2, &p, (char *[]){format, transparent}, 2)), 0);
+    assert_int_equal(frame_of(view, 2).code, 0);
+    p.picture.transparent = true;
+    assert_int_equal(code_of(set(view, 3, &p, (char *[]){transparent}, 1)), no);
+    assert_int_equal(code_of(set(view, 3, &p, NULL, 0)), no);
+}
+
 static void acknowledged_without_an_answer(void **state)
 {
     struct put p;
@@ -581,6 +627,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(fields_change_alone, begin, end),
         cmocka_unit_test_setup_teardown(states_that_are_refused, begin, end),
         cmocka_unit_test_setup_teardown(acknowledged_without_an_answer, begin, end),
+        cmocka_unit_test_setup_teardown(alpha_by_name, begin, end),
         cmocka_unit_test_setup_teardown(window_in_bytes, begin, end),
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
         cmocka_unit_test_setup_teardown(a_bake_that_is_awaited, begin, end),
