@@ -628,12 +628,14 @@ void op_view_set(struct request *request)
     struct view *v = find_view(request, in->view);
     char error[300];
     if (!v) return;
+    // The frame was received, also where the state is refused.
+    acknowledge(v, in->shown);
     int code = apply(v, request->server, in->state, request, error);
     if (code) {
         request_fail(request, code, "%s", error);
+        if (!conn->dead) draw(v);
         return;
     }
-    acknowledge(v, in->shown);
     if (in->state) {
         if (v->dirty) {
             v->dropped++;

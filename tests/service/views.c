@@ -83,17 +83,29 @@ static uint64_t open_view(struct put *p)
     return last_id;
 }
 
-static uint64_t set(uint64_t view, uint64_t sequence, struct put *p, char **fields, size_t n)
+static uint64_t set_shown(uint64_t view, uint64_t sequence, uint64_t shown, struct put *p,
+                          char **fields, size_t n)
 {
     Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
     m.view = view;
     m.sequence = sequence;
+    m.shown = shown;
     m.state = &p->state;
     p->state.fields = fields;
     p->state.n_fields = n;
     frames_add(f, RELIGHT_TYPE_VIEW_SET, ++last_id, &m.base, NULL, 0);
     frames_send(f);
     return last_id;
+}
+
+static uint64_t set(uint64_t view, uint64_t sequence, struct put *p, char **fields, size_t n)
+{
+    return set_shown(view, sequence, 0, p, fields, n);
+}
+
+static int code_of(uint64_t id)
+{
+    return frames_wait(f, id).code;
 }
 
 static void acknowledge(uint64_t view, uint64_t shown)
@@ -220,11 +232,6 @@ static void fields_change_alone(void **state)
     assert_int_equal(seen.code, 0);
 }
 
-static int code_of(uint64_t id)
-{
-    return frames_wait(f, id).code;
-}
-
 static void states_that_are_refused(void **state)
 {
     enum {
@@ -345,6 +352,29 @@ static void acknowledged_without_an_answer(void **state)
     assert_true(next_frame(view, &seen, 20000));
     set(view, 3, &p, NULL, 0);
     assert_false(next_frame(view, &seen, 300));
+}
+
+// The frame was received, whatever becomes of the state that came with its number.
+static void acknowledged_by_a_refused_state(void **state)
+{
+    struct put p;
+    put_init(&p);
+    p.state.n_lights = 1;
+    p.light.env = "constant:1,2,3";
+    p.state.options = &p.options;
+    p.options.window = 1;
+    uint64_t view = open_view(&p);
+    struct seen seen;
+    assert_true(next_frame(view, &seen, 20000));
+    p.light.env = "constant:3,2,1";
+    set(view, 1, &p, NULL, 0);
+    assert_false(next_frame(view, &seen, 300));
+    assert_int_equal(code_of(set_shown(view, 2, 1, &p, (char *[]){"shade.colour"}, 1)),
+                     RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    assert_true(next_frame(view, &seen, 20000));
+    assert_int_equal(seen.frame, 2);
+    assert_int_equal(seen.sequence, 1);
+    expect_colors(&seen, "constant:3,2,1", 1, NULL, RELIGHT_TERM_TOTAL);
 }
 
 static void window_in_bytes(void **state)
@@ -628,6 +658,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(states_that_are_refused, begin, end),
         cmocka_unit_test_setup_teardown(acknowledged_without_an_answer, begin, end),
         cmocka_unit_test_setup_teardown(alpha_by_name, begin, end),
+        cmocka_unit_test_setup_teardown(acknowledged_by_a_refused_state, begin, end),
         cmocka_unit_test_setup_teardown(window_in_bytes, begin, end),
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
         cmocka_unit_test_setup_teardown(a_bake_that_is_awaited, begin, end),
