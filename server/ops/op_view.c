@@ -58,7 +58,8 @@ struct view {
     uint64_t last_hash;                      // of the last frame's payload; 0: it had none
     uint64_t next_ns;                        // max_fps
     struct loop_timer late;                  // frame_deadline_ms of the frame that is drawn
-    bool told_not_ready;
+    bool told_not_ready;                     // by the last frame
+    uint64_t told_sequence;                  // of it
     struct loop_timer timer;
     struct model_watcher watcher;
     struct refinement *refinement; // of the state that was drawn; NULL: none
@@ -260,8 +261,10 @@ static void drawn(void *user, struct render_result *result)
     v->render = NULL;
     v->refining = false;
     bool not_ready = result->code == RELIGHT__ERROR_CODE__ERROR_NOT_READY;
-    bool silent = not_ready && v->told_not_ready;
+    // Each state has one such frame.
+    bool silent = not_ready && v->told_not_ready && v->told_sequence == v->drawn_sequence;
     v->told_not_ready = not_ready;
+    v->told_sequence = v->drawn_sequence;
     if (finer && result->code) { // the last picture remains
         refinement_release(v->refinement);
         v->refinement = NULL;

@@ -459,7 +459,8 @@ static void equal_frames(void **state)
     assert_int_equal(same.hash, other.hash);
 }
 
-// A view of a model without a bake tells so once, tries again in silence, and draws the bake.
+// A view of a model without a bake tells so once for each state, tries again in silence, and
+// draws the newest state by the bake.
 static void a_bake_that_is_awaited(void **state)
 {
     struct relight_load load = small_bake(9, 200);
@@ -480,11 +481,15 @@ static void a_bake_that_is_awaited(void **state)
     strcpy(model, joint);
     assert_int_equal(frame_of(view, 0).code, RELIGHT__ERROR_CODE__ERROR_NOT_READY);
     assert_false(next_frame(view, &seen, 900)); // it tries every 250 ms
+    p.light.env = "constant:3,2,1";
+    set(view, 1, &p, NULL, 0);
+    assert_int_equal(frame_of(view, 1).code, RELIGHT__ERROR_CODE__ERROR_NOT_READY);
+    assert_false(next_frame(view, &seen, 600));
     load.preview = false;
     bake_octahedron(client, &d, "awaited.obj", &load, joint);
-    seen = frame_of(view, 0);
+    seen = frame_of(view, 1);
     assert_int_equal(seen.code, 0);
-    assert_int_equal(seen.frame, 2);
+    assert_int_equal(seen.frame, 3);
     assert_int_equal(seen.n, F32_BYTES);
 }
 
