@@ -247,6 +247,35 @@ static void vertices_with_a_precondition(void **state)
     end();
 }
 
+// INFO tells the box of the vertices as they are, before anything was drawn of them.
+static void the_box_follows_the_vertices(void **state)
+{
+    begin_with_model(NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_model before, info;
+    float up[N][3];
+    OK(relight_info(client, model, &before, &error));
+    for (int k = 2; k <= 3; k++) {
+        scaled((float)k, up);
+        OK(relight_update_vertices(client, model, 0, N, up[0], NULL, false, NULL, &error));
+        OK(relight_info(client, model, &info, &error));
+        for (int c = 0; c < 3; c++) {
+            const float factor = c == 1 ? (float)k : 1;
+            assert_true(fabsf(info.box_min[c] - factor * before.box_min[c]) < 1e-4f);
+            assert_true(fabsf(info.box_max[c] - factor * before.box_max[c]) < 1e-4f);
+        }
+        relight_model_finish(&info);
+    }
+    OK(relight_unload(client, model, false, NULL, &error));
+    OK(relight_info(client, model, &info, &error));
+    assert_true(info.box_max[1] == before.box_max[1]);
+    relight_model_finish(&info);
+    relight_model_finish(&before);
+    relight_close(client);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,6 +283,7 @@ int main(void)
         cmocka_unit_test_teardown(poses_have_a_limit, teardown),
         cmocka_unit_test_teardown(poses_that_are_refused, teardown),
         cmocka_unit_test_teardown(vertices_with_a_precondition, teardown),
+        cmocka_unit_test_teardown(the_box_follows_the_vertices, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
