@@ -112,6 +112,7 @@ static void file_opened(struct cache_job *job)
 {
     struct shape_job *own = (struct shape_job *)job;
     struct shape *s = job->value = create_shape(own->file);
+    if (s) s->generation = own->generation;
     int status = s ? set_variant(s, own, job->work.error) : PRT_NOMEM;
     if (status) {
         cache_job_complete(job, status);
