@@ -554,7 +554,7 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
     int code = apply_parts(&next, &options, server, state, from, error);
     if (!code && changes(state, state->pose[0], "pose"))
         code = render_spec_pose(&next, v->model, state->pose, error);
-    if (!code && changes(state, state->n_lights || from->payload_size, "lights"))
+    if (!code && (from->payload_size || changes(state, state->n_lights, "lights")))
         code = apply_lights(&next, state, from, error);
     if (code) {
         render_spec_finish(&next);

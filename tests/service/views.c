@@ -262,6 +262,17 @@ static void states_that_are_refused(void **state)
     p.options.color_format = 77;
     assert_int_equal(code_of(set(view, 1, &p, (char *[]){"options"}, 1)),
                      RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED);
+    // Texels beside fields that do not name the lights.
+    static const float texels[72 * 16 * 16 / 4];
+    Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
+    put_init(&p);
+    m.view = view;
+    m.state = &p.state;
+    p.state.fields = (char *[]){"shade.engine"};
+    p.state.n_fields = 1;
+    frames_add(f, RELIGHT_TYPE_VIEW_SET, ++last_id, &m.base, texels, sizeof texels);
+    frames_send(f);
+    assert_int_equal(code_of(last_id), BAD);
     // None of them changed anything.
     put_init(&p);
     set(view, 2, &p, NULL, 0);
