@@ -144,10 +144,26 @@ static int run_file(struct work *work, const struct prt_context *ctx)
     return err || failed ? PRT_NOMEM : PRT_OK;
 }
 
+// A JSON body may name a format whose colours are not the floats that a file of numbers is made
+// of.
+static void refuse_numbers(struct exchange *x, struct payload *payload)
+{
+    struct http_problem problem;
+    drop_payload(payload);
+    http_refuse(&problem, 400, "bad_request",
+                "format: csv and npy are made of f32, and the body names another format");
+    snprintf(problem.parameter, sizeof problem.parameter, "format");
+    exchange_refuse(x, &problem);
+}
+
 void answer_colors(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload)
 {
     const Relight__ColorsAnswer *in = (const Relight__ColorsAnswer *)message;
+    if (x->format >= COLORS_CSV && in->format != RELIGHT__COLOR_FORMAT__COLOR_F32) {
+        refuse_numbers(x, payload);
+        return;
+    }
     add_cost(x, in->cost, in->generation);
     exchange_field(x, "x-relight-vertices:", "%u", in->n_vertex);
     exchange_field(x, "x-relight-planes:", "%u", in->n_plane);

@@ -487,15 +487,13 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
     const struct prt_mesh *mesh = &((struct shape *)shape->value)->mesh;
-    const struct pose *pose = ((struct shape *)shape->value)->pose;
     struct geometry *g = calloc(1, sizeof *g);
     if (!g) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
     *g = (struct geometry){.shape = shape,
-                           .generation =
-                               pose && pose->name[0] ? pose->generation : m->generation,
+                           .generation = ((struct shape *)shape->value)->generation,
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
     const struct prt_file *file = ((struct shape *)shape->value)->file->value;

@@ -126,7 +126,8 @@ void op_image(struct request *request)
     render_spec_init(&spec);
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request, in->shade, error)) ||
-        (code = render_spec_picture(&spec, request->server, in->picture, error))) {
+        (code = render_spec_picture(&spec, request->server, in->picture, error)) ||
+        (code = render_spec_alpha(&spec, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
         return;

@@ -87,12 +87,15 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
         request_fail(request, code, "%s", error);
         return;
     }
-    if (in->n) vertices_move(&change, mesh, pose);
-    if (in->n) {
+    const bool moved = in->n > 0;
+    if (moved) {
+        struct prt_mesh now = *mesh;
+        vertices_move(&change, mesh, pose);
+        now.position = pose->position;
+        prt_mesh_bounds(&now, m->facts.box);
         forget_old_shapes(m);
         m->generation++;
     }
-    bool moved = in->n > 0;
     Relight__UpdateVerticesAnswer out = RELIGHT__UPDATE_VERTICES_ANSWER__INIT;
     out.generation = m->generation;
     request_answer(request, &out.base, NULL); // and frees the request

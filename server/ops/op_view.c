@@ -58,7 +58,8 @@ struct view {
     uint64_t last_hash;                      // of the last frame's payload; 0: it had none
     uint64_t next_ns;                        // max_fps
     struct loop_timer late;                  // frame_deadline_ms of the frame that is drawn
-    bool told_not_ready;
+    bool told_not_ready;                     // by the last frame
+    uint64_t told_sequence;                  // of it
     struct loop_timer timer;
     struct model_watcher watcher;
     struct refinement *refinement; // of the state that was drawn; NULL: none
@@ -260,8 +261,10 @@ static void drawn(void *user, struct render_result *result)
     v->render = NULL;
     v->refining = false;
     bool not_ready = result->code == RELIGHT__ERROR_CODE__ERROR_NOT_READY;
-    bool silent = not_ready && v->told_not_ready;
+    // Each state has one such frame.
+    bool silent = not_ready && v->told_not_ready && v->told_sequence == v->drawn_sequence;
     v->told_not_ready = not_ready;
+    v->told_sequence = v->drawn_sequence;
     if (finer && result->code) { // the last picture remains
         refinement_release(v->refinement);
         v->refinement = NULL;
@@ -533,7 +536,7 @@ static int apply_parts(struct render_spec *next, struct view_options *options,
         if (optional) *options = given;
     }
     render_spec_finish(&values);
-    return code;
+    return code ? code : render_spec_alpha(next, error);
 }
 
 // Applies a state; a refused one changes nothing.
@@ -551,7 +554,7 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
     int code = apply_parts(&next, &options, server, state, from, error);
     if (!code && changes(state, state->pose[0], "pose"))
         code = render_spec_pose(&next, v->model, state->pose, error);
-    if (!code && changes(state, state->n_lights || from->payload_size, "lights"))
+    if (!code && (from->payload_size || changes(state, state->n_lights, "lights")))
         code = apply_lights(&next, state, from, error);
     if (code) {
         render_spec_finish(&next);
@@ -628,12 +631,14 @@ void op_view_set(struct request *request)
     struct view *v = find_view(request, in->view);
     char error[300];
     if (!v) return;
+    // The frame was received, also where the state is refused.
+    acknowledge(v, in->shown);
     int code = apply(v, request->server, in->state, request, error);
     if (code) {
         request_fail(request, code, "%s", error);
+        if (!conn->dead) draw(v);
         return;
     }
-    acknowledge(v, in->shown);
     if (in->state) {
         if (v->dirty) {
             v->dropped++;

@@ -105,6 +105,9 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
                       const Relight__Shade *shade, char error[300]);
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
+/* Whether the format of a picture without a background has alpha: a view may take the two from
+ * different messages. */
+int render_spec_alpha(const struct render_spec *spec, char error[300]);
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        uint32_t most_rank, bool phases, bool exits, char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */

@@ -390,8 +390,6 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     spec->no_specular = p->no_specular;
     spec->transparent = p->transparent;
     spec->floor = p->floor;
-    if (p->transparent && !image_format_alpha(p->format))
-        REFUSE(UNSUPPORTED, "picture.transparent needs a format with alpha: PNG or EXR");
     spec->samples = p->samples ? p->samples : 4;
     if (spec->samples > 8 || spec->samples & (spec->samples - 1))
         REFUSE(OUT_OF_RANGE, "picture.samples is %u, allowed range 1 to 8: 1, 2, 4 or 8",
@@ -401,4 +399,11 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     const float *bad = outside(spec->background, 0, 1e6f);
     if (bad) RANGE(*bad, 0, 1e6, "", "picture.background");
     return parse_camera(spec, p->camera, error);
+}
+
+int render_spec_alpha(const struct render_spec *spec, char error[300])
+{
+    if (spec->transparent && !image_format_alpha((unsigned)spec->image_format))
+        REFUSE(UNSUPPORTED, "picture.transparent needs a format with alpha: PNG or EXR");
+    return 0;
 }

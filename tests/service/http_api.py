@@ -107,6 +107,17 @@ def colours(d):
         assert len(d.ask("GET", "/v1/models/small/colors?env=constant&format=" + name)[2]) == size
     assert len(d.ask("POST", "/v1/models/small/colors", sky())[2]) == 72
     assert d.problem(400, "GET", "/v1/models/small/colors?format=f64")[0]["parameter"] == "format"
+    # A body's format goes with files of numbers where it is the floats that they are made of.
+    json_type = {"Content-Type": "application/json"}
+    for ending in ("csv", "npy"):
+        path = "/v1/models/small/colors." + ending
+        body = {"lights": [{"env": "constant"}], "format": "f32"}
+        same = d.ask("POST", path, json.dumps(body), json_type)
+        assert same[0] == 200 and same[2] == d.ask("GET", path + "?env=constant")[2], same
+        for other in ("f16", "rgb9e5", "srgb8", "coefficients"):
+            body["format"] = other
+            problem, _ = d.problem(400, "POST", path, json.dumps(body), json_type)
+            assert problem["parameter"] == "format", problem
 
 
 def uploads(d):

@@ -2,6 +2,7 @@
 // Poses: vertices that requests name by their content. Two people never move each other's;
 // poses are charged, evicted and missed; UPDATE_VERTICES has a precondition.
 #include "ask.h"
+#include "frames.h"
 #include "lone_daemon.h"
 
 static char model[ID_SIZE];
@@ -247,6 +248,82 @@ static void vertices_with_a_precondition(void **state)
     end();
 }
 
+// INFO tells the box of the vertices as they are, before anything was drawn of them.
+static void the_box_follows_the_vertices(void **state)
+{
+    begin_with_model(NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_model before, info;
+    float up[N][3];
+    OK(relight_info(client, model, &before, &error));
+    for (int k = 2; k <= 3; k++) {
+        scaled((float)k, up);
+        OK(relight_update_vertices(client, model, 0, N, up[0], NULL, false, NULL, &error));
+        OK(relight_info(client, model, &info, &error));
+        for (int c = 0; c < 3; c++) {
+            const float factor = c == 1 ? (float)k : 1;
+            assert_true(fabsf(info.box_min[c] - factor * before.box_min[c]) < 1e-4f);
+            assert_true(fabsf(info.box_max[c] - factor * before.box_max[c]) < 1e-4f);
+        }
+        relight_model_finish(&info);
+    }
+    OK(relight_unload(client, model, false, NULL, &error));
+    OK(relight_info(client, model, &info, &error));
+    assert_true(info.box_max[1] == before.box_max[1]);
+    relight_model_finish(&info);
+    relight_model_finish(&before);
+    relight_close(client);
+    end();
+}
+
+static uint64_t add_update(struct frames *f, uint64_t id, float factor)
+{
+    Relight__UpdateVerticesRequest m = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
+    float up[N][3];
+    scaled(factor, up);
+    m.model = model;
+    m.n = N;
+    frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, id, &m.base, up, sizeof up);
+    return id;
+}
+
+// Vertices that move while a geometry is made: its generation is that of its positions.
+static void a_geometry_and_its_generation(void **state)
+{
+    begin_with_model(NULL);
+    struct frames *f = frames_open(&d);
+    struct frames_answer a;
+    ProtobufCMessage *m = NULL;
+    uint64_t generation[3] = {0};
+    float height = 0, most = 0;
+    Relight__GeometryRequest geometry = RELIGHT__GEOMETRY_REQUEST__INIT;
+    geometry.model = model;
+    add_update(f, 11, 2);
+    frames_add(f, RELIGHT_TYPE_GEOMETRY, 12, &geometry.base, NULL, 0);
+    add_update(f, 13, 3);
+    frames_send(f);
+    for (int n = 0; n < 3; n++) {
+        assert_true(frames_next(f, &a, 20000, &m));
+        assert_int_equal(a.code, 0);
+        assert_true(a.id >= 11 && a.id <= 13);
+        if (a.id == 12) {
+            const float *position = (const float *)f->decoder.frame.payload;
+            for (int i = 0; i < N; i++) height = fmaxf(height, position[3 * i + 1]);
+            generation[1] = ((Relight__GeometryAnswer *)m)->generation;
+        } else {
+            generation[a.id - 11] = ((Relight__UpdateVerticesAnswer *)m)->generation;
+        }
+        protobuf_c_message_free_unpacked(m, NULL);
+    }
+    for (int i = 0; i < N; i++) most = fmaxf(most, file_mm[i][1]);
+    const bool first = fabsf(height - 2 * most) < 1e-4f;
+    assert_true(first || fabsf(height - 3 * most) < 1e-4f);
+    assert_int_equal(generation[1], generation[first ? 0 : 2]);
+    frames_close(f);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,6 +331,8 @@ int main(void)
         cmocka_unit_test_teardown(poses_have_a_limit, teardown),
         cmocka_unit_test_teardown(poses_that_are_refused, teardown),
         cmocka_unit_test_teardown(vertices_with_a_precondition, teardown),
+        cmocka_unit_test_teardown(the_box_follows_the_vertices, teardown),
+        cmocka_unit_test_teardown(a_geometry_and_its_generation, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

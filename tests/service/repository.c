@@ -241,6 +241,34 @@ static unsigned listed(struct relight_client *client, const char *name)
     return n;
 }
 
+// A client that follows the events of one model alone.
+static struct frames *follow_model(const char *id)
+{
+    Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    struct frames *f = frames_open(&d);
+    in.model = (char *)id;
+    frames_add(f, RELIGHT_TYPE_SUBSCRIBE, 2, &in.base, NULL, 0);
+    frames_send(f);
+    return f;
+}
+
+// It is told by which model its own was replaced, and of no other model.
+static void expect_successor(struct frames *f, const char *first, const char *second)
+{
+    struct frames_answer a;
+    for (bool told = false; !told;) {
+        ProtobufCMessage *m = NULL;
+        if (!frames_next(f, &a, 20000, &m)) fail_msg("no event of the replacement");
+        assert_int_equal(a.type, RELIGHT_TYPE_SUBSCRIBE | RELIGHT_TYPE_ANSWER);
+        const Relight__Event *e = (const Relight__Event *)m;
+        told = e->kind == RELIGHT__EVENT_KIND__EVENT_MODEL_REPLACED;
+        if (told) assert_string_equal(e->model, second);
+        if (e->kind) assert_string_equal(told ? e->before : e->model, first);
+        protobuf_c_message_free_unpacked(m, NULL);
+    }
+    frames_close(f);
+}
+
 // The file of a version is replaced: its name goes over, the earlier model goes.
 static void test_replaced_version(void **state)
 {
@@ -250,9 +278,11 @@ static void test_replaced_version(void **state)
     daemon_start(&d, fast);
     struct relight_client *client = client_open(d.address);
     wait_for(client, "ball", RELIGHT_MODEL_PREVIEW, NULL, first);
+    struct frames *follower = follow_model(first);
     put_shape("ball/1/o.obj", 1.7);
     wait_for(client, "ball/1", RELIGHT_MODEL_PREVIEW, first, second);
     wait_gone(client, first);
+    expect_successor(follower, first, second);
     assert_int_equal(listed(client, "ball/1"), 1);
     // Other settings are another model, too; broken ones leave the model as it is.
     put_text("ball/1/model.json", "{\"size_mm\": 20, \"preview\": true}");

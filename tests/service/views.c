@@ -83,17 +83,29 @@ static uint64_t open_view(struct put *p)
     return last_id;
 }
 
-static uint64_t set(uint64_t view, uint64_t sequence, struct put *p, char **fields, size_t n)
+static uint64_t set_shown(uint64_t view, uint64_t sequence, uint64_t shown, struct put *p,
+                          char **fields, size_t n)
 {
     Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
     m.view = view;
     m.sequence = sequence;
+    m.shown = shown;
     m.state = &p->state;
     p->state.fields = fields;
     p->state.n_fields = n;
     frames_add(f, RELIGHT_TYPE_VIEW_SET, ++last_id, &m.base, NULL, 0);
     frames_send(f);
     return last_id;
+}
+
+static uint64_t set(uint64_t view, uint64_t sequence, struct put *p, char **fields, size_t n)
+{
+    return set_shown(view, sequence, 0, p, fields, n);
+}
+
+static int code_of(uint64_t id)
+{
+    return frames_wait(f, id).code;
 }
 
 static void acknowledge(uint64_t view, uint64_t shown)
@@ -220,11 +232,6 @@ static void fields_change_alone(void **state)
     assert_int_equal(seen.code, 0);
 }
 
-static int code_of(uint64_t id)
-{
-    return frames_wait(f, id).code;
-}
-
 static void states_that_are_refused(void **state)
 {
     enum {
@@ -255,12 +262,69 @@ static void states_that_are_refused(void **state)
     p.options.color_format = 77;
     assert_int_equal(code_of(set(view, 1, &p, (char *[]){"options"}, 1)),
                      RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED);
+    // Texels beside fields that do not name the lights.
+    static const float texels[72 * 16 * 16 / 4];
+    Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
+    put_init(&p);
+    m.view = view;
+    m.state = &p.state;
+    p.state.fields = (char *[]){"shade.engine"};
+    p.state.n_fields = 1;
+    frames_add(f, RELIGHT_TYPE_VIEW_SET, ++last_id, &m.base, texels, sizeof texels);
+    frames_send(f);
+    assert_int_equal(code_of(last_id), BAD);
     // None of them changed anything.
     put_init(&p);
     set(view, 2, &p, NULL, 0);
     struct seen after = frame_of(view, 2);
     assert_memory_equal(before.value, after.value, sizeof after.value);
     assert_int_equal(before.hash, after.hash);
+}
+
+// A picture of 32 x 32 pixels in this format, with the background left out or not.
+static void put_picture(struct put *p, Relight__ImageFormat format, bool transparent)
+{
+    put_init(p);
+    relight__picture__init(&p->picture);
+    p->state.picture = &p->picture;
+    p->picture.width = p->picture.height = 32;
+    p->picture.format = format;
+    p->picture.transparent = transparent;
+}
+
+// Alpha needs a format that has it: what counts is the state that follows from the fields, not
+// the values beside them.
+static void alpha_by_name(void **state)
+{
+    const int no = RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+    const Relight__ImageFormat jpeg = RELIGHT__IMAGE_FORMAT__IMAGE_JPEG,
+                               png = RELIGHT__IMAGE_FORMAT__IMAGE_PNG;
+    char *const transparent = "picture.transparent", *const format = "picture.format";
+    struct put p;
+    put_picture(&p, png, true);
+    p.state.n_lights = 1;
+    p.light.env = "constant:1,2,3";
+    uint64_t straight = open_view(&p);
+    const struct seen want = frame_of(straight, 0);
+    p.picture.transparent = false;
+    uint64_t view = open_view(&p);
+    const struct seen opaque = frame_of(view, 0);
+    assert_true(want.hash && opaque.hash && want.hash != opaque.hash);
+    // The view has a format with alpha.
+    put_picture(&p, jpeg, true);
+    assert_int_equal(code_of(set(view, 1, &p, (char *[]){transparent}, 1)), 0);
+    assert_int_equal(frame_of(view, 1).hash, want.hash);
+    // And has none afterwards.
+    assert_int_equal(code_of(set(straight, 1, &p, (char *[]){format, transparent}, 2)), no);
+    p.picture.transparent = false;
+    assert_int_equal(code_of(set(straight, 1, &p, (char *[]){format}, 1)), no);
+    set(straight, 1, &p, (char *[]){"options"}, 1); // nothing of it was taken
+    assert_int_equal(frame_of(straight, 1).hash, want.hash);
+    assert_int_equal(code_of(set(view, 2, &p, (char *[]){format, transparent}, 2)), 0);
+    assert_int_equal(frame_of(view, 2).code, 0);
+    p.picture.transparent = true;
+    assert_int_equal(code_of(set(view, 3, &p, (char *[]){transparent}, 1)), no);
+    assert_int_equal(code_of(set(view, 3, &p, NULL, 0)), no);
 }
 
 static void acknowledged_without_an_answer(void **state)
@@ -299,6 +363,29 @@ static void acknowledged_without_an_answer(void **state)
     assert_true(next_frame(view, &seen, 20000));
     set(view, 3, &p, NULL, 0);
     assert_false(next_frame(view, &seen, 300));
+}
+
+// The frame was received, whatever becomes of the state that came with its number.
+static void acknowledged_by_a_refused_state(void **state)
+{
+    struct put p;
+    put_init(&p);
+    p.state.n_lights = 1;
+    p.light.env = "constant:1,2,3";
+    p.state.options = &p.options;
+    p.options.window = 1;
+    uint64_t view = open_view(&p);
+    struct seen seen;
+    assert_true(next_frame(view, &seen, 20000));
+    p.light.env = "constant:3,2,1";
+    set(view, 1, &p, NULL, 0);
+    assert_false(next_frame(view, &seen, 300));
+    assert_int_equal(code_of(set_shown(view, 2, 1, &p, (char *[]){"shade.colour"}, 1)),
+                     RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    assert_true(next_frame(view, &seen, 20000));
+    assert_int_equal(seen.frame, 2);
+    assert_int_equal(seen.sequence, 1);
+    expect_colors(&seen, "constant:3,2,1", 1, NULL, RELIGHT_TERM_TOTAL);
 }
 
 static void window_in_bytes(void **state)
@@ -383,7 +470,8 @@ static void equal_frames(void **state)
     assert_int_equal(same.hash, other.hash);
 }
 
-// A view of a model without a bake tells so once, tries again in silence, and draws the bake.
+// A view of a model without a bake tells so once for each state, tries again in silence, and
+// draws the newest state by the bake.
 static void a_bake_that_is_awaited(void **state)
 {
     struct relight_load load = small_bake(9, 200);
@@ -404,11 +492,15 @@ static void a_bake_that_is_awaited(void **state)
     strcpy(model, joint);
     assert_int_equal(frame_of(view, 0).code, RELIGHT__ERROR_CODE__ERROR_NOT_READY);
     assert_false(next_frame(view, &seen, 900)); // it tries every 250 ms
+    p.light.env = "constant:3,2,1";
+    set(view, 1, &p, NULL, 0);
+    assert_int_equal(frame_of(view, 1).code, RELIGHT__ERROR_CODE__ERROR_NOT_READY);
+    assert_false(next_frame(view, &seen, 600));
     load.preview = false;
     bake_octahedron(client, &d, "awaited.obj", &load, joint);
-    seen = frame_of(view, 0);
+    seen = frame_of(view, 1);
     assert_int_equal(seen.code, 0);
-    assert_int_equal(seen.frame, 2);
+    assert_int_equal(seen.frame, 3);
     assert_int_equal(seen.n, F32_BYTES);
 }
 
@@ -581,6 +673,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(fields_change_alone, begin, end),
         cmocka_unit_test_setup_teardown(states_that_are_refused, begin, end),
         cmocka_unit_test_setup_teardown(acknowledged_without_an_answer, begin, end),
+        cmocka_unit_test_setup_teardown(alpha_by_name, begin, end),
+        cmocka_unit_test_setup_teardown(acknowledged_by_a_refused_state, begin, end),
         cmocka_unit_test_setup_teardown(window_in_bytes, begin, end),
         cmocka_unit_test_setup_teardown(equal_frames, begin, end),
         cmocka_unit_test_setup_teardown(a_bake_that_is_awaited, begin, end),

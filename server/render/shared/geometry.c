@@ -61,9 +61,6 @@ static int run_normals(struct cache_job *job, const struct prt_context *ctx)
 static void shape_done(struct cache_job *job)
 {
     struct shape_job *own = (struct shape_job *)job;
-    struct shape *s = job->value;
-    if (!job->status && s->pose && own->generation == own->model->generation)
-        prt_mesh_bounds(&s->mesh, own->model->facts.box);
     pose_release(own->pose);
     model_release(own->model);
 }
@@ -115,6 +112,7 @@ static void file_opened(struct cache_job *job)
 {
     struct shape_job *own = (struct shape_job *)job;
     struct shape *s = job->value = create_shape(own->file);
+    if (s) s->generation = own->generation;
     int status = s ? set_variant(s, own, job->work.error) : PRT_NOMEM;
     if (status) {
         cache_job_complete(job, status);

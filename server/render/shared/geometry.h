@@ -37,6 +37,7 @@ enum { SHAPE_SLOTS = 5 }; /* one for the daemon's choice, and one for each engin
 
 struct shape {
     struct cache_entry *file;    /* the open .prt whose mesh it is */
+    uint64_t generation;         /* of its vertices */
     struct pose *pose;           /* NULL: as in the file */
     struct prt_variant *variant; /* NULL: as in the file */
     struct prt_mesh mesh;
