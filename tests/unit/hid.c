@@ -230,6 +230,40 @@ static void movements_are_summed(void **state)
     motion_stop(m, NULL);
 }
 
+// A stick that is held moves on while another one of the device sends reports, and a movement
+// of many reports is as long as one of few.
+static void held_sticks_go_on(void **state)
+{
+    struct sender s = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+    const struct device_map map = {.n_entry = 3,
+                                   .entry = {{"dial", TARGET_EXPOSURE, 1, 0, 1},
+                                             {"x", TARGET_LIGHT_GAIN, 1, 0, 1},
+                                             {"y", TARGET_LIGHT_AZIMUTH, 100, 0, 1}}};
+    struct motion *m = motion_start(take_change, &s);
+    struct bound *b = motion_bind(&map);
+    struct usb_control x = {.name = "x", .kind = CONTROL_DEFLECTION, .value = .5},
+                       y = {.name = "y", .kind = CONTROL_DEFLECTION, .value = 1};
+    s.held = true;
+    turn(m, b, "dial", CONTROL_RELATIVE, 2);
+    change_number(&s, 1);
+    uint64_t now = control_now_ns() + 1000000000;
+    motion_input(m, b, &y, 0, now);
+    for (int i = 0; i <= 100; i++) { // 100 ms, a report a millisecond
+        x.value = .5 + 1e-9 * (i % 2);
+        motion_input(m, b, &x, 0, now + (uint64_t)i * 1000000);
+    }
+    x.value = y.value = 0;
+    motion_input(m, b, &x, 0, now + 100000000);
+    motion_input(m, b, &y, 0, now + 100000000);
+    hold_sender(&s, false);
+    struct change c = change_number(&s, 2);
+    // With a first step of 8 ms.
+    assert_true(fabs(c.delta[TARGET_LIGHT_AZIMUTH] - 10.8) < 1e-6);
+    assert_true(fabs(c.delta[TARGET_LIGHT_GAIN] - .054) < 1e-6);
+    motion_unbind(m, b);
+    motion_stop(m, NULL);
+}
+
 // ---- scenes
 
 static double number_at(const cJSON *json, const char *a, const char *b)
@@ -287,6 +321,7 @@ int main(void)
                                        cmocka_unit_test(curves),
                                        cmocka_unit_test(mapping_files),
                                        cmocka_unit_test(movements_are_summed),
+                                       cmocka_unit_test(held_sticks_go_on),
                                        cmocka_unit_test(scenes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
