@@ -5,6 +5,7 @@ pictures, edits, views, links, errors.
 
    python_client.py FOLDER_OF_THE_PROGRAMS FOLDER_OF_THE_PACKAGE"""
 import os
+import socket
 import struct
 import subprocess
 import sys
@@ -20,6 +21,8 @@ from web import OCTAHEDRON, Daemon, sky
 
 sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
+from relight.connection import ANSWER, FIXED, LAST, TYPES, Connection  # noqa: E402
+from relight.messages import message  # noqa: E402
 
 BAKE = {"samples": 300, "cube": 16, "single_points": 2}
 
@@ -136,6 +139,25 @@ def views(c, model):
     assert not view.open
 
 
+def a_frame_in_two_pieces(folder):
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(folder + "/pieces")
+        listener.listen()
+        c = Connection("unix:" + folder + "/pieces", None, 5)
+        daemon, _ = listener.accept()
+        number = c.send("PING", message("PingRequest"))
+        frame = FIXED.pack(b"RLGT", 1, LAST, TYPES["PING"][0] | ANSWER, number, 0, 0, 0)
+        daemon.sendall(frame[:10])
+        try:
+            c.next(number, 0.05)
+            raise AssertionError("a part of a frame")
+        except TimeoutError:
+            daemon.sendall(frame[10:])
+        assert c.next(number, 5).last
+        c.close()
+        daemon.close()
+
+
 def links_and_errors(c, d, model):
     secret = subprocess.run([sys.argv[1] + "/relight", "token", "create", "--name", "py", "--scope",
                              "view"], env=dict(os.environ, RELIGHT_SERVER="unix:" + d.folder + "/s"),
@@ -173,6 +195,7 @@ def main():
             pictures_and_shapes(c, model)
             edits(c, free)
             views(c, model)
+            a_frame_in_two_pieces(d.folder)
             example = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "client",
                                    "python", "examples", "turn_light.py")
             done = subprocess.run([sys.executable, example, "ball", "constant", "3"], cwd=d.folder,
