@@ -190,6 +190,8 @@ describe("the link", () => {
   test("holds the whole scene", () => {
     expect(fromFragment(`#${toFragment(scene)}`)).toEqual(scene);
     expect(fromFragment(toFragment(FIRST))).toEqual(FIRST);
+    const lit: SceneState = { ...FIRST, background: "environment", heat: "error" };
+    expect(fromFragment(toFragment(lit))).toEqual(lit);
     const both: SceneState = { ...FIRST, compare: { mode: "wipe", at: 0.25, other: scene } };
     expect(fromFragment(toFragment(both))).toEqual(both);
   });
