@@ -130,7 +130,7 @@ static int save_colors(struct relight_client *client, struct options *o,
     struct relight_error error;
     struct relight_geometry geometry = {0};
     bool solid = prt_vertex_format_has_mesh(prt_vertex_format_of(o->output));
-    if (solid && relight_geometry(client, o->target, true, &geometry, &error))
+    if (solid && relight_geometry_posed(client, o->target, o->pose, true, &geometry, &error))
         return report_error(o, &error);
     float *rgb = malloc(((size_t)colors->n_vertex + 1) * 12);
     int status;
@@ -169,6 +169,7 @@ int run_colors(struct relight_client *client, struct options *o)
                                              .shade = o->shade,
                                              .format = o->format,
                                              .exposure_ev = o->picture.exposure_ev,
+                                             .pose = o->pose,
                                              .priority = o->priority};
     if (relight_colors(client, &request, &colors, &error)) return report_error(o, &error);
     status = save_colors(client, o, &colors);

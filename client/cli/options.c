@@ -582,7 +582,8 @@ static uint64_t duration(struct argp_state *state, const struct row *row, const 
     char *end;
     double x = strtod(text, &end);
     for (size_t i = 0; end != text && i < sizeof units / sizeof *units; i++)
-        if (*end == units[i].unit && !end[1] && x * units[i].seconds >= 1 && x < 1e6)
+        if (*end == units[i].unit && !end[1] && x * units[i].seconds >= 1 &&
+            x * units[i].seconds < 1e6 * 7 * 86400)
             return (uint64_t)(x * units[i].seconds);
     argp_error(state, "--%s %s: expected a time such as 30d, 12h, 90m or 3600s", row->name,
                text);

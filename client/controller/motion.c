@@ -56,6 +56,23 @@ static void press(struct motion *m, const struct map_entry *e)
     else add(m, e->target, e->scale);
 }
 
+static bool is_change(const struct change *c)
+{
+    bool any = c->reset || c->undo || c->redo;
+    for (int i = 0; i < N_VALUE; i++) any |= c->has_position[i] || c->delta[i] != 0;
+    return any;
+}
+
+// A report may be older than the sender's clock, which has integrated past it.
+static void integrate(struct motion *m, uint64_t now)
+{
+    if (now <= m->moved_ns) return;
+    double step = fmin((double)(now - m->moved_ns) * 1e-9, most_step_s);
+    m->moved_ns = now;
+    for (int i = 0; i < N_VALUE; i++) add(m, (enum target)i, m->speed[i] * step);
+    m->changed |= is_change(&m->change);
+}
+
 static void deflect(struct motion *m, struct bound *b, uint32_t i, const struct usb_control *c,
                     uint64_t previous_ns, uint64_t now_ns)
 {
@@ -67,11 +84,12 @@ static void deflect(struct motion *m, struct bound *b, uint32_t i, const struct 
         add(m, e->target, speed * step);
         return;
     }
+    // The speed until now, also of the other controls, counts until now.
+    integrate(m, now_ns);
+    if (b->speed[i] == 0) add(m, e->target, speed * first_step_s);
     m->speed[e->target] += speed - b->speed[i];
     if (fabs(m->speed[e->target]) < 1e-9) m->speed[e->target] = 0; // rounding
     b->speed[i] = speed;
-    add(m, e->target, speed * first_step_s);
-    m->moved_ns = now_ns;
 }
 
 static void slide(struct motion *m, struct bound *b, uint32_t i, double value)
@@ -103,13 +121,6 @@ static void apply(struct motion *m, struct bound *b, uint32_t i, const struct us
     case CONTROL_POSITION:
         slide(m, b, i, c->value);
     }
-}
-
-static bool is_change(const struct change *c)
-{
-    bool any = c->reset || c->undo || c->redo;
-    for (int i = 0; i < N_VALUE; i++) any |= c->has_position[i] || c->delta[i] != 0;
-    return any;
 }
 
 void motion_input(struct motion *m, struct bound *b, const struct usb_control *c,
@@ -159,14 +170,6 @@ static bool is_moving(const struct motion *m)
     bool any = false;
     for (int i = 0; i < N_VALUE; i++) any |= m->speed[i] != 0;
     return any;
-}
-
-static void integrate(struct motion *m, uint64_t now)
-{
-    double step = fmin((double)(now - m->moved_ns) * 1e-9, most_step_s);
-    m->moved_ns = now;
-    for (int i = 0; i < N_VALUE; i++) add(m, (enum target)i, m->speed[i] * step);
-    m->changed |= is_change(&m->change);
 }
 
 static void wait_s(struct motion *m, double seconds)

@@ -150,27 +150,72 @@ static void turn_orbit(cJSON *camera, double azimuth, double elevation, double z
     set_number(orbit, "zoom", clamp((was > 0 ? was : 1) * exp2(zoom), .1, 100));
 }
 
-static void turn_camera(cJSON *camera, const double by[3])
+static bool is_eye(const cJSON *camera)
 {
-    bool eye = cJSON_HasObjectItem(camera, "eye") && !cJSON_HasObjectItem(camera, "orbit");
-    (eye ? turn_eye : turn_orbit)(camera, by[0], by[1], by[2]);
+    return cJSON_HasObjectItem(camera, "eye") && !cJSON_HasObjectItem(camera, "orbit");
 }
 
+static void turn_camera(cJSON *camera, const double by[3])
+{
+    (is_eye(camera) ? turn_eye : turn_orbit)(camera, by[0], by[1], by[2]);
+}
+
+// How far camera is turned from base, in the units of turn_camera; zeros where they differ in
+// kind.
+static void turned_from(const cJSON *camera, const cJSON *base, double out[3])
+{
+    static const double none[3] = {0, 0, 0}, y[3] = {0, 1, 0};
+    const cJSON *json[2] = {base, camera};
+    double pose[2][3], flat[2][3], up[3], side[3];
+    out[0] = out[1] = out[2] = 0;
+    if (is_eye(camera) != is_eye(base)) return;
+    read_vec(base, "up", y, up);
+    double size = sqrt(dot(up, up));
+    if (!(size > 0)) return;
+    for (int k = 0; k < 2; k++) {
+        const cJSON *orbit = cJSON_GetObjectItemCaseSensitive(json[k], "orbit");
+        double eye[3], target[3], zoom = number(orbit, "zoom", 1), along = 0;
+        read_vec(json[k], "eye", none, eye);
+        read_vec(json[k], "target", none, target);
+        for (int i = 0; i < 3; i++) along += (eye[i] - target[i]) * up[i] / size;
+        for (int i = 0; i < 3; i++) flat[k][i] = eye[i] - target[i] - along * up[i] / size;
+        double width = sqrt(dot(flat[k], flat[k]));
+        pose[k][0] = number(orbit, "azimuth_deg", 0);
+        pose[k][1] = number(orbit, "elevation_deg", 0);
+        pose[k][2] = log2(zoom > 0 ? zoom : 1);
+        if (!is_eye(base)) continue;
+        if (!(width > 0)) return;
+        pose[k][1] = atan2(along, width) / degree;
+        pose[k][2] = -log2(hypot(along, width));
+    }
+    for (int i = 0; i < 3; i++) out[i] = pose[1][i] - pose[0][i];
+    if (!is_eye(base)) return;
+    for (int i = 0; i < 3; i++)
+        side[i] = flat[0][(i + 1) % 3] * flat[1][(i + 2) % 3] -
+                  flat[0][(i + 2) % 3] * flat[1][(i + 1) % 3];
+    out[0] = atan2(dot(side, up) / size, dot(flat[0], flat[1])) / degree;
+}
+
+// A slider's axis counts from the first camera; the other axes stay as they are.
 static bool change_camera(cJSON *scene, const cJSON *base, const struct change *c)
 {
-    double by[3];
+    const cJSON *first = cJSON_GetObjectItemCaseSensitive(base, "camera");
+    double by[3], kept[3];
     bool any = false, anew = false;
+    turned_from(cJSON_GetObjectItemCaseSensitive(scene, "camera"), first, kept);
     for (int i = 0; i < 3; i++) {
         enum target t = (enum target)(TARGET_CAMERA_AZIMUTH + i);
         any |= touches(c, t);
         anew |= c->has_position[t];
+        if (c->has_position[t]) kept[i] = 0;
         by[i] = c->position[t] + c->delta[t];
     }
     if (!any) return false;
     if (anew) {
-        cJSON *was = cJSON_Duplicate(cJSON_GetObjectItemCaseSensitive(base, "camera"), 1);
+        cJSON *was = cJSON_Duplicate(first, 1);
         cJSON_DeleteItemFromObjectCaseSensitive(scene, "camera");
         if (was) cJSON_AddItemToObject(scene, "camera", was);
+        for (int i = 0; i < 3; i++) by[i] += kept[i];
     }
     turn_camera(object_of(scene, "camera"), by);
     return true;

@@ -31,6 +31,20 @@ def pictures(load, name):
     prt('compare', 'rest.png', 'want.png', '--max-rmse', '0.2', status=1)
 
 
+def edited_vertices():
+    """Beside the colours of an edit lie the vertices of the pose."""
+    relight('load', 'bar.gltf', '--name', 'baked', '--size-mm', '20', '--samples', '300', '--cube', '16', '--no-draft',
+            '--wait')
+    pose = relight('pose', 'baked', 'bar.gltf', '--animation', 'bend', '--time', '1').stdout.strip()
+    edit = ['edit', 'baked', '--material', 'skin1', '--env', 'constant']
+    for name, words in (('posed', ['--pose', pose]), ('rest', []), ('again', [])):
+        relight(*edit, *words, '-o', name + '.ply')
+    posed, rest, again = (open(name + '.ply', 'rb').read() for name in ('posed', 'rest', 'again'))
+    expect(posed != rest and rest == again, 'the vertices of a pose')
+    said = relight(*edit, '--pose', '0' * 64, '-o', 'posed.csv', status=1).said
+    expect('pose' in said, 'a pose that is not there: ' + said)
+
+
 def refusals():
     for words, status, text in ((['bar', 'bar.gltf', '--animation', 'bond'], 2, 'did you mean bend?'),
                                 (['bar', 'bar.gltf'], 2, '--animation is missing'),
@@ -59,6 +73,7 @@ def serve():
     with daemon('--data', 'data'):
         pictures('bar.gltf', 'bar')
         pictures('beside.gltf', 'beside')
+        edited_vertices()
         refusals()
         expect(not [f for f in os.listdir('data/work') if f.startswith('pose')], 'a folder is left behind')
 

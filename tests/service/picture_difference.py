@@ -76,17 +76,18 @@ def ciede2000(one, two):
     return sqrt(x * x + y * y + z * z + turn * y * z)
 
 
-# Pairs 1, 7 and 17 of their table.
-for pair in (((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
-             ((50, 0, 0), (50, -1, 2), 2.3669), ((50, 2.5, 0), (73, 25, -18), 27.1492)):
-    assert abs(ciede2000(*pair[:2]) - pair[2]) < 5e-5, pair
-a, b = read_png(sys.argv[1]), read_png(sys.argv[2])
-if any(all(x == int(x) for row in one[2] for pixel in row for x in pixel) for one in (a, b)):
-    a, b = [(w, h, [[tuple(int(x + .5) for x in pixel) for pixel in row] for row in rows]) for w, h, rows in (a, b)]
-assert a[:2] == b[:2], f'{a[:2]} and {b[:2]} pixels'
-differ = [pair for one, two in zip(a[2], b[2]) for pair in zip(one, two) if pair[0] != pair[1]]
-values = {(x, y): ciede2000(lab(x), lab(y)) for x, y in set(differ)}
-most = max(values.values(), default=0)
-print(f'dE2000 of {sys.argv[1]} and {sys.argv[2]}: at most {most:.3f}, bound {sys.argv[3]}; '
-      f'{len(differ)} of {a[0] * a[1]} pixels differ')
-sys.exit(most > float(sys.argv[3]))
+if __name__ == '__main__':
+    # Pairs 1, 7 and 17 of their table.
+    for pair in (((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
+                 ((50, 0, 0), (50, -1, 2), 2.3669), ((50, 2.5, 0), (73, 25, -18), 27.1492)):
+        assert abs(ciede2000(*pair[:2]) - pair[2]) < 5e-5, pair
+    a, b = read_png(sys.argv[1]), read_png(sys.argv[2])
+    if any(all(x == int(x) for row in one[2] for pixel in row for x in pixel) for one in (a, b)):
+        a, b = [(w, h, [[tuple(int(x + .5) for x in pixel) for pixel in row] for row in rows]) for w, h, rows in (a, b)]
+    assert a[:2] == b[:2], f'{a[:2]} and {b[:2]} pixels'
+    differ = [pair for one, two in zip(a[2], b[2]) for pair in zip(one, two) if pair[0] != pair[1]]
+    values = {(x, y): ciede2000(lab(x), lab(y)) for x, y in set(differ)}
+    most = max(values.values(), default=0)
+    print(f'dE2000 of {sys.argv[1]} and {sys.argv[2]}: at most {most:.3f}, bound {sys.argv[3]}; '
+          f'{len(differ)} of {a[0] * a[1]} pixels differ')
+    sys.exit(most > float(sys.argv[3]))

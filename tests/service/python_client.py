@@ -5,6 +5,7 @@ pictures, edits, views, links, errors.
 
    python_client.py FOLDER_OF_THE_PROGRAMS FOLDER_OF_THE_PACKAGE"""
 import os
+import socket
 import struct
 import subprocess
 import sys
@@ -20,6 +21,8 @@ from web import OCTAHEDRON, Daemon, sky
 
 sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
+from relight.connection import ANSWER, FIXED, LAST, TYPES, Connection  # noqa: E402
+from relight.messages import message  # noqa: E402
 
 BAKE = {"samples": 300, "cube": 16, "single_points": 2}
 
@@ -86,6 +89,8 @@ def colours(c, model, folder):
     for format, most in (("f16", 1e-3), ("rgb9e5", 4e-3), ("coefficients", 2e-3),
                          ("coefficients_packed", 3e-3)):
         assert rmse(c.colors(model, cube, format=format), lit) < most, format
+    turned = c.colors(model, [cube, cube], rotate=[0, 90], sum=False)
+    assert rmse(turned[0], lit) < 1e-3 and rmse(turned[1], c.colors(model, cube, rotate=90)) < 1e-3 < rmse(*turned)
     dim = c.colors(model, cube, gain=0.1)
     assert rmse(c.colors(model, cube, gain=0.1, format="srgb8"), dim) < 0.02
     planes = c.colors(model, ["constant", cube], sum=False, format="coefficients")
@@ -100,6 +105,10 @@ def pictures_and_shapes(c, model):
     exact = c.image(model, "constant", size=(40, 30), format="f16", orbit=(30, 10))
     assert exact.pixels.shape == (30, 40, 3) and exact.engine == "wavelet"
     assert c.image(model, "constant", size=(8, 8), format="rgb8", background=(1, 0, 0)).pixels[0, 0, 0] > 100
+    # From outside: the model in the middle, its background in the corners.
+    seen = c.image(model, "constant", size=(9, 9), format="rgb8", background=(1, 0, 0), eye=(0, 0, 9),
+                   target=(0, 0, 0), fovy=40).pixels
+    assert seen[0, 0, 1] == 0 < seen[4, 4, 1], seen[:, :, 1]
     g = c.geometry("ball", own_units=True)
     assert g.positions.shape == (6, 3) and g.triangles.shape == (8, 3) and g.triangles.max() == 5
     assert np.allclose(np.abs(g.positions).sum(1), 1, atol=1e-5)
@@ -133,7 +142,43 @@ def views(c, model):
         assert c.ping() < 10  # the connection is usable behind it
     with c.view(model, "constant", colors=False, size=(32, 32)) as view:
         assert view.next(20).image.data[:2] == b"\xff\xd8"
+        pictures = []
+        for zoom in (1, 4, 1):
+            number = view.set(orbit=(20, 10, zoom))
+            for frame in view:
+                if frame.sequence == number:
+                    break
+            pictures.append(frame.image.data)
+        assert pictures[0] == pictures[2] != pictures[1], "an orbit without its zoom"
     assert not view.open
+    fails("CANCELLED", view.next, 1)
+
+
+def a_frame_in_two_pieces(folder):
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(folder + "/pieces")
+        listener.listen()
+        c = Connection("unix:" + folder + "/pieces", None, 5)
+        daemon, _ = listener.accept()
+        number = c.send("PING", message("PingRequest"))
+        frame = FIXED.pack(b"RLGT", 1, LAST, TYPES["PING"][0] | ANSWER, number, 0, 0, 0)
+        daemon.sendall(frame[:10])
+        try:
+            c.next(number, 0.05)
+            raise AssertionError("a part of a frame")
+        except TimeoutError:
+            daemon.sendall(frame[10:])
+        assert c.next(number, 5).last
+        c.close()
+        daemon.close()
+
+
+def a_view_that_fails(c, model):
+    """The error of the daemon reaches the caller, and not one about the end of the view."""
+    def follow():
+        with c.view("nobody", "constant") as view:
+            view.next(20)
+    assert "nobody" in str(fails("NOT_FOUND", follow))
 
 
 def links_and_errors(c, d, model):
@@ -173,6 +218,8 @@ def main():
             pictures_and_shapes(c, model)
             edits(c, free)
             views(c, model)
+            a_frame_in_two_pieces(d.folder)
+            a_view_that_fails(c, model)
             example = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "client",
                                    "python", "examples", "turn_light.py")
             done = subprocess.run([sys.executable, example, "ball", "constant", "3"], cwd=d.folder,

@@ -209,6 +209,20 @@ if [ -z "$only" ]; then
     grep -q "\"$hash\"" export/decisions.csv || fail "the decision's picture hash"
     cmp first.png export/pictures/pin-2.png || fail "the picture of the pin"
     cmp -s export/pictures/pin-2.png export/pictures/pin-2-strokes.png && fail "the stroke is not drawn"
+    # From the lower right to the upper left, right of the middle and above it, and red.
+    python3 - "$here" <<'END' || fail "the stroke is drawn elsewhere, or in another colour"
+import sys
+sys.path.insert(0, sys.argv[1])
+from picture_difference import read_png
+w, h, before = read_png('export/pictures/pin-2.png')
+drawn = read_png('export/pictures/pin-2-strokes.png')[2]
+at = [(x, y) for y in range(h) for x in range(w)
+      if max(abs(a - b) for a, b in zip(before[y][x], drawn[y][x])) > 1]
+colors = {drawn[y][x] for x, y in at}
+assert colors == {(255, 0, 0)}, (len(at), sorted(colors)[:9])
+x, y = (sum(p) / len(at) for p in zip(*at))
+assert w / 2 < x and y < h / 2 and max(at)[1] > min(at)[1] + 3, (x, y, min(at), max(at))
+END
     [ ! -e export/pictures/pin-3-strokes.png ] || fail "a picture of strokes that are not there"
     # No cell is a formula for a spreadsheet.
     ! grep -E '(^|,)"[=+@-]' export/decisions.csv || fail "a formula in decisions.csv"

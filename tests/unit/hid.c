@@ -230,6 +230,40 @@ static void movements_are_summed(void **state)
     motion_stop(m, NULL);
 }
 
+// A stick that is held moves on while another one of the device sends reports, and a movement
+// of many reports is as long as one of few.
+static void held_sticks_go_on(void **state)
+{
+    struct sender s = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
+    const struct device_map map = {.n_entry = 3,
+                                   .entry = {{"dial", TARGET_EXPOSURE, 1, 0, 1},
+                                             {"x", TARGET_LIGHT_GAIN, 1, 0, 1},
+                                             {"y", TARGET_LIGHT_AZIMUTH, 100, 0, 1}}};
+    struct motion *m = motion_start(take_change, &s);
+    struct bound *b = motion_bind(&map);
+    struct usb_control x = {.name = "x", .kind = CONTROL_DEFLECTION, .value = .5},
+                       y = {.name = "y", .kind = CONTROL_DEFLECTION, .value = 1};
+    s.held = true;
+    turn(m, b, "dial", CONTROL_RELATIVE, 2);
+    change_number(&s, 1);
+    uint64_t now = control_now_ns() + 1000000000;
+    motion_input(m, b, &y, 0, now);
+    for (int i = 0; i <= 100; i++) { // 100 ms, a report a millisecond
+        x.value = .5 + 1e-9 * (i % 2);
+        motion_input(m, b, &x, 0, now + (uint64_t)i * 1000000);
+    }
+    x.value = y.value = 0;
+    motion_input(m, b, &x, 0, now + 100000000);
+    motion_input(m, b, &y, 0, now + 100000000);
+    hold_sender(&s, false);
+    struct change c = change_number(&s, 2);
+    // With a first step of 8 ms.
+    assert_true(fabs(c.delta[TARGET_LIGHT_AZIMUTH] - 10.8) < 1e-6);
+    assert_true(fabs(c.delta[TARGET_LIGHT_GAIN] - .054) < 1e-6);
+    motion_unbind(m, b);
+    motion_stop(m, NULL);
+}
+
 // ---- scenes
 
 static double number_at(const cJSON *json, const char *a, const char *b)
@@ -280,6 +314,87 @@ static void scenes(void **state)
     cJSON_Delete(scene);
 }
 
+// Each of three sliders of the camera stays where it is while the others move.
+static void camera_sliders(void **state)
+{
+    static const char *const cameras[] = {
+        "{\"camera\": {\"eye\": {\"x\": 3, \"y\": 2, \"z\": 5}, \"target\": {\"x\": 1, \"y\": 1, "
+        "\"z\": 1}, \"up\": {\"x\": 0, \"y\": 2, \"z\": 0}}}",
+        "{\"camera\": {\"orbit\": {\"azimuth_deg\": 170, \"elevation_deg\": 10, \"zoom\": 2}}}",
+        "{}"};
+    static const double place[3] = {120, 25, -1};
+    for (int i = 0; i < 3; i++) {
+        cJSON *base = cJSON_Parse(cameras[i]), *parts = cJSON_CreateArray();
+        cJSON *once = cJSON_Duplicate(base, 1), *each = cJSON_Duplicate(base, 1);
+        struct change all = {0};
+        for (int k = 0; k < 3; k++) {
+            enum target t = (enum target)(TARGET_CAMERA_AZIMUTH + k);
+            struct change one = {0};
+            all.has_position[t] = one.has_position[t] = true;
+            all.position[t] = place[k];
+            one.position[t] = 7;
+            assert_true(scene_change(each, base, &one, -1, parts));
+            one.position[t] = place[k];
+            assert_true(scene_change(each, base, &one, -1, parts));
+        }
+        assert_true(scene_change(once, base, &all, -1, parts));
+        const cJSON *a = cJSON_GetObjectItem(once, "camera"),
+                    *b = cJSON_GetObjectItem(each, "camera");
+        static const char *const names[2][3] = {{"x", "y", "z"},
+                                                {"azimuth_deg", "elevation_deg", "zoom"}};
+        for (int k = 0; k < 3; k++) {
+            const char *field = i ? "orbit" : "eye", *name = names[i > 0][k];
+            if (!(fabs(number_at(a, field, name) - number_at(b, field, name)) < 1e-4))
+                fail_msg("camera %d: %s %g, not %g", i, name, number_at(b, field, name),
+                         number_at(a, field, name));
+        }
+        cJSON_Delete(parts);
+        cJSON_Delete(once);
+        cJSON_Delete(each);
+        cJSON_Delete(base);
+    }
+}
+
+static double light_number(const cJSON *scene, int i, const char *field, const char *axis)
+{
+    const cJSON *light = cJSON_GetArrayItem(cJSON_GetObjectItem(scene, "lights"), i);
+    if (axis) return number_at(light, field, axis);
+    const cJSON *item = cJSON_GetObjectItem(light, field);
+    return item ? item->valuedouble : NAN;
+}
+
+// Knobs go on from the light as it is, sliders from each light's own beginning. A camera by
+// name is turned as an orbit without it.
+static void lights_of_their_own(void **state)
+{
+    cJSON *scene = cJSON_Parse(
+        "{\"lights\": [{\"rotate_deg\": 10, \"gain\": {\"x\": 1, \"y\": 0.5, \"z\": 0.25}}, "
+        "{\"rotate_deg\": -40}], \"camera\": {\"name\": \"front\"}}");
+    cJSON *base = cJSON_Duplicate(scene, 1), *parts = cJSON_CreateArray();
+    struct change push = {0}, slide = {0}, zoom = {0};
+    push.delta[TARGET_LIGHT_GAIN] = 1;
+    for (int i = 0; i < 2; i++) assert_true(scene_change(scene, base, &push, -1, parts));
+    assert_true(light_number(scene, 0, "gain", "x") == 4);
+    assert_true(light_number(scene, 0, "gain", "z") == 1);
+    assert_true(light_number(scene, 1, "gain", "y") == 4);
+    slide.has_position[TARGET_LIGHT_GAIN] = slide.has_position[TARGET_LIGHT_AZIMUTH] = true;
+    slide.position[TARGET_LIGHT_GAIN] = -1;
+    slide.position[TARGET_LIGHT_AZIMUTH] = 30;
+    for (int i = 0; i < 2; i++) assert_true(scene_change(scene, base, &slide, -1, parts));
+    assert_true(light_number(scene, 0, "gain", "y") == .25);
+    assert_true(light_number(scene, 1, "gain", "y") == .5);
+    assert_true(light_number(scene, 0, "rotate_deg", NULL) == 40);
+    assert_true(light_number(scene, 1, "rotate_deg", NULL) == -10);
+    zoom.delta[TARGET_CAMERA_ZOOM] = 2;
+    assert_true(scene_change(scene, base, &zoom, -1, parts));
+    const cJSON *camera = cJSON_GetObjectItem(scene, "camera");
+    assert_false(cJSON_HasObjectItem(camera, "name"));
+    assert_true(number_at(camera, "orbit", "zoom") == 4);
+    cJSON_Delete(parts);
+    cJSON_Delete(base);
+    cJSON_Delete(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(descriptors),
@@ -287,6 +402,9 @@ int main(void)
                                        cmocka_unit_test(curves),
                                        cmocka_unit_test(mapping_files),
                                        cmocka_unit_test(movements_are_summed),
+                                       cmocka_unit_test(held_sticks_go_on),
+                                       cmocka_unit_test(camera_sliders),
+                                       cmocka_unit_test(lights_of_their_own),
                                        cmocka_unit_test(scenes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

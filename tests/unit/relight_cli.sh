@@ -38,6 +38,10 @@ status 2 "in \[0.001, 1e+06\]" load x --size-mm nan
 status 2 "in \[1, 100\]" image x --env constant --quality 101 -o x.jpg
 status 2 "whole number" load x --cube big
 status 2 "whole number" load x --rank -1
+# A year has 31536000 seconds.
+status 3 "nowhere.sock" -s "$nowhere" sign /v1 --expires 31536000s
+status 2 "such as 30d" -s "$nowhere" sign /v1 --expires 1e9w
+status 2 "such as 30d" -s "$nowhere" sign /v1 --expires 0.5s
 status 2 "unrecognized option" ping --env constant
 status 1 "No such file" load x --material "$tmp/none.json"
 echo '[1,2]' >"$tmp/bad.json"

@@ -127,6 +127,11 @@ def _vec3(v: Vector) -> Any:
     return message("Vec3", x=x, y=y, z=z)
 
 
+def _orbit(orbit: Vector) -> Any:
+    azimuth, elevation, *zoom = orbit
+    return message("Orbit", azimuth_deg=azimuth, elevation_deg=elevation, zoom=zoom[0] if zoom else 0)
+
+
 def _parse(text: str) -> Dict[str, Any]:
     found: Dict[str, Any] = json.loads(text) if text else {}
     return found
@@ -420,9 +425,7 @@ class Client:
             picture.plain_background = True
             picture.background.CopyFrom(_vec3(background))
         if orbit is not None:
-            azimuth, elevation, *zoom = orbit
-            picture.camera.orbit.CopyFrom(message("Orbit", azimuth_deg=azimuth, elevation_deg=elevation,
-                                                  zoom=zoom[0] if zoom else 0))
+            picture.camera.orbit.CopyFrom(_orbit(orbit))
         elif camera is not None:
             picture.camera.name = camera
         elif eye is not None and target is not None:
@@ -528,7 +531,7 @@ class View:
             state.shade.materials.extend(client._materials(materials))
             state.fields.append("shade.materials")
         if orbit is not None:
-            state.picture.camera.orbit.CopyFrom(message("Orbit", azimuth_deg=orbit[0], elevation_deg=orbit[1]))
+            state.picture.camera.orbit.CopyFrom(_orbit(orbit))
             state.fields.append("picture.camera")
         if exposure is not None:
             state.picture.exposure_ev = exposure
@@ -541,9 +544,15 @@ class View:
     def next(self, timeout: Optional[float] = None) -> ViewFrame:
         """Waits for a frame; the newest, where several are here. TimeoutError after timeout."""
         connection = self._client._connection
-        frame = connection.next(self._number, timeout)
-        while not frame.last and connection.pending(self._number):
+        if not self.open:
+            raise RelightError("CANCELLED", "the view has ended")
+        try:
             frame = connection.next(self._number, timeout)
+            while not frame.last and connection.pending(self._number):
+                frame = connection.next(self._number, timeout)
+        except RelightError:
+            self.open = False  # the daemon's error ends the view
+            raise
         if frame.last:
             self.open = False
             raise RelightError("CANCELLED", "the view has ended")

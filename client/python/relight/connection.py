@@ -75,6 +75,7 @@ class Connection:
         self._last = 0
         self._waiting: Dict[int, Deque[Frame]] = {}
         self._parts: Dict[int, Any] = {}
+        self._begun = b""  # the beginning of a frame, where its rest did not come in time
         self.broken = False
 
     def close(self) -> None:
@@ -103,15 +104,18 @@ class Connection:
 
     def _read(self, n: int, end: Optional[float]) -> bytearray:
         out = bytearray(n)
-        at = memoryview(out)
+        out[:len(self._begun)] = self._begun
+        at = memoryview(out)[len(self._begun):]
+        self._begun = b""
         while at:
             left = None if end is None else end - time.monotonic()
-            if left is not None and left <= 0:
-                raise TimeoutError
-            self._socket.settimeout(left)
             try:
+                if left is not None and left <= 0:
+                    raise TimeoutError
+                self._socket.settimeout(left)
                 got = self._socket.recv_into(at)
             except TimeoutError:
+                self._begun = bytes(out[:n - len(at)])
                 raise
             except OSError as fault:
                 self.close()
@@ -127,7 +131,7 @@ class Connection:
         return RelightError("PROTOCOL", why)
 
     def _take(self, end: Optional[float]) -> None:
-        """Reads one frame. A time-out between frames leaves the connection usable."""
+        """Reads one frame. A time-out between frames, or in a fixed part, leaves the connection usable."""
         fixed = self._read(FIXED.size, end)
         # The rest of a frame that began is waited for: half a frame cannot be given back.
         magic, version, flags, kind, number, n_header, _, n_payload = FIXED.unpack(fixed)

@@ -16,7 +16,8 @@ import {
   type Cube,
 } from "../src/scene/environment";
 import { unpackRows } from "../src/scene/factors";
-import { onlyTurned } from "../src/scene/lights";
+import type { Client } from "../src/protocol/client";
+import { lightMessages, onlyTurned } from "../src/scene/lights";
 import {
   albedo,
   fromColor,
@@ -190,6 +191,8 @@ describe("the link", () => {
   test("holds the whole scene", () => {
     expect(fromFragment(`#${toFragment(scene)}`)).toEqual(scene);
     expect(fromFragment(toFragment(FIRST))).toEqual(FIRST);
+    const lit: SceneState = { ...FIRST, background: "environment", heat: "error" };
+    expect(fromFragment(toFragment(lit))).toEqual(lit);
     const both: SceneState = { ...FIRST, compare: { mode: "wipe", at: 0.25, other: scene } };
     expect(fromFragment(toFragment(both))).toEqual(both);
   });
@@ -221,6 +224,31 @@ describe("the link", () => {
     expect(onlyTurned([FIRST_LAMP], [{ ...FIRST_LAMP, tilt: 5 }])).toBe(false);
     expect(onlyTurned([FIRST_LAMP], [FIRST_LAMP, FIRST_LAMP])).toBe(false);
   });
+});
+
+test("the texels of lights that the daemon cannot name follow each other", async () => {
+  const nobody = {} as Client; // nothing is fetched
+  const lamps: SceneState["lamps"] = [
+    { env: "page:studio", rotate: 70, tilt: 30, gain: [1, 0.5, 0.25] },
+    { env: "constant", rotate: 10, tilt: 0, gain: [2, 2, 2] },
+    { env: "constant:3,2,1", rotate: 0, tilt: 5, gain: [9, 9, 9] },
+  ];
+  const { lights, payload } = await lightMessages(nobody, lamps);
+  expect(lights).toEqual([
+    { env: "", cubeN: 32, rotateDeg: 70, gain: { x: 1, y: 0.5, z: 0.25 } },
+    { env: "constant", cubeN: 0, rotateDeg: 10, gain: { x: 2, y: 2, z: 2 } },
+    { env: "", cubeN: 32, rotateDeg: 0, gain: { x: 9, y: 9, z: 9 } },
+  ]);
+  const texels = new Float32Array(payload.buffer);
+  const one = 18 * 32 * 32;
+  expect(texels.length).toBe(2 * one);
+  // The turn and the gain are the daemon's, the tilt is in the texels.
+  [3, 2, 1].forEach((x, c) => expect(texels[one + c]).toBeCloseTo(x, 4));
+  const level = await lightMessages(nobody, [{ ...FIRST_LAMP }]);
+  const same = (other: Uint8Array) => level.payload.every((x, i) => x === other[i]);
+  expect(same(payload)).toBe(false);
+  const turned = await lightMessages(nobody, [{ ...FIRST_LAMP, rotate: 90, gain: [0, 0, 0] }]);
+  expect(same(turned.payload)).toBe(true);
 });
 
 describe("media", () => {
