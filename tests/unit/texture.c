@@ -457,6 +457,16 @@ static void volumes_of_a_gltf(void **state)
     m = load(&ctx, "\"name\":\"plain\"");
     assert_null(m->volume);
     prt_mesh_destroy(m);
+    // one number out of range makes the whole colour absent
+    m = load(&ctx, "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,0.8,0.7,1]},"
+                   "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.02,"
+                   "\"attenuationColor\":[0.5,0.6,7]},\"KHR_materials_scatter\":"
+                   "{\"multiscatterColor\":[0.3,0.4]}}");
+    for (int c = 0; c < 3; c++) {
+        assert_float_equal(m->volume[0].color[c], 1, 0);
+        assert_float_equal(m->volume[0].albedo[c], 0.9 - 0.1 * c, 1e-6);
+    }
+    prt_mesh_destroy(m);
     lines[0] = 0; // F_0 of a quarter of eta 1.5 is 0.01; a coat is named as lost
     m = load(&ctx, "\"extensions\":{\"KHR_materials_specular\":{\"specularFactor\":0.25},"
                    "\"KHR_materials_clearcoat\":{},\"KHR_materials_transmission\":"
