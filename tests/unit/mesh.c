@@ -326,6 +326,21 @@ static void materials_decide(void **state)
     assert_non_null(strstr(lines, "nobody"));
 }
 
+// Variants without a name, or with that of another, get one that no other has.
+static void variants_have_names_of_their_own(void **state)
+{
+    struct prt_mesh *m = must_load(
+        gltf(&tetrahedron, sizeof tetrahedron,
+             TWO_MATERIALS("") ",\"extensions\":{\"KHR_materials_variants\":{\"variants\":["
+                               "{\"name\":\"variant 1\"},{},{\"name\":\"variant 1\"},{}]}}"));
+    assert_int_equal(m->n_variant, 4);
+    assert_string_equal(m->variant[0].name, "variant 1");
+    for (uint32_t i = 0; i < 4; i++)
+        for (uint32_t k = 0; k < i; k++)
+            assert_string_not_equal(m->variant[i].name, m->variant[k].name);
+    prt_mesh_destroy(m);
+}
+
 static void limits_hold(void **state)
 {
     struct prt_mesh *m;
@@ -783,6 +798,7 @@ int main(void)
         cmocka_unit_test(sparse_and_normalised),
         cmocka_unit_test(bytes_are_normalised),
         cmocka_unit_test(materials_decide),
+        cmocka_unit_test(variants_have_names_of_their_own),
         cmocka_unit_test(limits_hold),
         cmocka_unit_test(faults_are_named),
         cmocka_unit_test(what_is_not_read_cannot_fail),
