@@ -589,8 +589,9 @@ static void numbers_of_an_obj_material(void **state)
     assert_float_equal(t[0] * u + t[1] * (1 - v) + t[2], 0.25 + 2 * u, 1e-6);
     assert_float_equal(t[3] * u + t[4] * (1 - v) + t[5], 1 - (0.5 + 3 * v), 1e-6);
     // Pr holds, whichever comes first; a name may begin with digits
-    static const char *const order[] = {"newmtl a\nPr .5\nNs 30\nmap_Kd -s 2 2 1001.png\n",
-                                        "newmtl a\nNs 30\nPr .5\nmap_Kd -o 0 0 -mm 0 1 3d.png"};
+    static const char *const order[] = {
+        "newmtl a\nPr .5\nNs 100\nmap_Kd -s 2 2 1001.png\n",
+        "newmtl a\nNs 100\nPr .5\nmap_Kd -o 0 0 -mm 0 1 3d.png"};
     static const char *const name[] = {"1001.png", "3d.png"};
     for (int i = 0; i < 2; i++) {
         prt_obj_material_init(&m);
