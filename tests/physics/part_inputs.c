@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Parts and checkpoints of a bake belong to all its inputs: one that differs in any of them is
-// not used.
+// not used. One checkpoint has one process.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -9,6 +9,7 @@
 
 #include <math.h>
 #include <string.h>
+#include <sys/file.h>
 
 #include "bake_parts.h"
 #include "bodies.h"
@@ -117,12 +118,38 @@ static void points_of_a_profile(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Contract of prt_bake: a checkpoint that another process holds is said to be in use, after ten
+// seconds, and is left alone.
+static void checkpoint_in_use(void **state)
+{
+    struct prt_mesh *mesh = scene();
+    struct prt_material skin;
+    struct prt_context c = context;
+    char path[256];
+    snprintf(path, sizeof path, "%s", file("held"));
+    const int fd = open(path, O_RDWR | O_CREAT, 0600);
+    assert_true(fd >= 0 && !flock(fd, LOCK_EX) && write(fd, "mine", 4) == 4);
+    assert_int_equal(prt_material_load(&context, "skin1", &skin), PRT_OK);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, &skin);
+    o.n_shard = 0;
+    o.checkpoint = path;
+    c.log = listen_in, c.log_user = warned;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("held.prt")), PRT_IO);
+    assert_non_null(strstr(warned, "another process bakes with this checkpoint"));
+    struct stat st;
+    assert_true(!fstat(fd, &st) && st.st_size == 4 && is_there(path));
+    close(fd);
+    unlink(path);
+    prt_mesh_destroy(mesh);
+}
+
 int main(void)
 {
     if (!bake_files_begin()) return 1;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(light_options_and_albedo),
         cmocka_unit_test(points_of_a_profile),
+        cmocka_unit_test(checkpoint_in_use),
     };
     return run_physics_tests(tests, NULL, bake_files_end);
 }
