@@ -409,6 +409,41 @@ static void maps_of_a_gltf(void **state)
     assert_null(strstr(lines, "left out"));
 }
 
+// What extensions replace: the set of coordinates, the strength of emission, the metal of a
+// glossy material, and a PNG that has a WebP beside it.
+static void extensions_of_a_gltf(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m =
+        load(&ctx, "\"emissiveFactor\":[0.5,0.25,0],\"pbrMetallicRoughness\":"
+                   "{\"baseColorTexture\":{\"index\":0,\"extensions\":"
+                   "{\"KHR_texture_transform\":{\"texCoord\":1}}}},\"extensions\":"
+                   "{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":4}}");
+    struct prt_look l = look(m); // the second set lies in the blue texel
+    assert_true(l.base[0] < 1e-4f && l.base[2] > 0.99f);
+    assert_float_equal(l.emission[0], 2, 1e-5);
+    assert_float_equal(l.emission[1], 1, 1e-5);
+    assert_float_equal(l.metallic, 1, 0);
+    prt_mesh_destroy(m);
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":"
+                   "{\"diffuseTexture\":{\"index\":0}}}");
+    assert_int_equal(m->n_image, 1);
+    assert_float_equal(look(m).metallic, 0, 0);
+    prt_mesh_destroy(m);
+    lines[0] = 0;
+    assert_int_equal(
+        square(&ctx,
+               "\"images\":[{\"uri\":\"none.png\"},{\"uri\":\"data:image/png;base64,%s\"}],"
+               "\"textures\":[{\"source\":0,\"extensions\":{\"EXT_texture_webp\":"
+               "{\"source\":1}}}],\"materials\":[{\"pbrMetallicRoughness\":"
+               "{\"baseColorTexture\":{\"index\":0}}}]",
+               &m),
+        PRT_OK);
+    assert_int_equal(m->n_image, 1);
+    assert_null(strstr(lines, "none.png"));
+    prt_mesh_destroy(m);
+}
+
 // Numbers come from the channels that glTF says: red occludes, green is rough, blue is metal.
 static void channels_of_numbers(void **state)
 {
@@ -654,6 +689,7 @@ int main(void)
         cmocka_unit_test(probes_lie_about_the_point),
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(extensions_of_a_gltf),
         cmocka_unit_test(channels_of_numbers),
         cmocka_unit_test(numbers_of_an_obj_material),
         cmocka_unit_test(normals_tilt_up),
