@@ -447,11 +447,20 @@ static int shard_key(const struct bake *b, uint64_t *out)
 {
     char *settings = prt_bake_describe(b);
     if (!settings) return PRT_NOMEM;
-    const uint32_t more[] = {b->o.rank, b->o.n_basis_coef, b->o.no_single, b->o.every_ray,
-                             b->o.basis};
+    const uint32_t more[] = {b->o.rank,      b->o.n_basis_coef, b->o.no_single,
+                             b->o.every_ray, b->o.basis,        b->o.walks_follow};
     uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
     key = prt_hash64(more, sizeof more, key);
     free(settings);
+    // The settings give a profile in few digits, and the mesh's hash leaves surfaces out.
+    const uint64_t media = prt_media_hash(&b->o.media, b->mesh->n_object);
+    key = prt_hash64(&media, sizeof media, key);
+    for (uint32_t i = 0; i < b->mesh->n_surface; i++) {
+        const struct prt_surface *s = &b->mesh->surface[i];
+        const uint32_t translucent = s->translucent;
+        key = prt_hash64(s->base_color, sizeof s->base_color, key);
+        key = prt_hash64(&translucent, sizeof translucent, key);
+    }
     key = prt_hash64(&b->o.rotate_deg, sizeof b->o.rotate_deg, key);
     const struct prt_env *env = b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? b->o.env : NULL;
     if (env && env->kind == PRT_ENV_CUBE)

@@ -160,10 +160,11 @@ int prt_checkpoint_open(struct bake *b, uint64_t key)
     if (k->fd < 0)
         return prt_fail(b->ctx, PRT_IO, "checkpoint %s: %s", k->path, strerror(errno));
     int status = lock_file(k);
+    if (status) return status;
     // Results are equal bytes for equal kernels alone.
     const uint64_t more[] = {PRT_BAKE_VERSION, b->ctx ? b->ctx->cpu : 0, b->o.shard,
                              b->o.n_shard};
-    if (status == PRT_OK) status = scan(k, prt_hash64(more, sizeof more, key));
+    status = scan(k, prt_hash64(more, sizeof more, key));
     if (status == PRT_IO)
         return prt_fail(b->ctx, PRT_IO, "checkpoint %s: %s", k->path, strerror(errno));
     if (status) return status;

@@ -2,7 +2,6 @@
 // glTF 2.0 files: the GLB container, the JSON, versions and extensions.
 #include "gltf.h"
 
-#include "draco.h"
 #include "gltf_pose.h"
 
 #include <ctype.h>
@@ -240,15 +239,7 @@ static void log_notes(const struct gltf *g)
 
 static void release(struct gltf *g)
 {
-    for (size_t i = 0; g->draco && i < g->file.n_view; i++)
-        if (g->draco[i]) {
-            struct prt_draco m = {.position = g->draco[i]->position,
-                                  .normal = g->draco[i]->normal,
-                                  .color = g->draco[i]->color,
-                                  .triangle = g->draco[i]->triangle};
-            memcpy(m.uv, g->draco[i]->uv, sizeof m.uv);
-            prt_draco_free(&m);
-        }
+    for (size_t i = 0; g->draco && i < g->file.n_view; i++) prt_gltf_drop_draco(g, i);
     prt_gltf_textures_end(g);
     prt_gltf_free(&g->file);
     for (struct gltf_owned *p = g->owned, *next; p; p = next) {

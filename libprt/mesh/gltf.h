@@ -16,7 +16,8 @@ struct gltf_owned {
     struct gltf_owned *next;
 };
 
-struct gltf_mesh_data { // a decoded Draco primitive
+struct gltf_mesh_data {             // a decoded Draco primitive
+    int64_t id[PRT_GLTF_DRACO_IDS]; // of the attributes that were decoded
     uint32_t n_vertex, n_triangle;
     float *position, *normal, *color, *uv[PRT_GLTF_UV_SETS]; // all but position may be NULL
     uint32_t *triangle;
@@ -112,6 +113,8 @@ int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);
 void prt_gltf_settle_surfaces(struct gltf *g);
 // The node's mesh, if it has one, as an object; world is column-major [16].
 int prt_gltf_instance(struct gltf *g, size_t node_index, const double *world);
+// Frees the arrays of a view's decoded Draco mesh.
+void prt_gltf_drop_draco(struct gltf *g, size_t view);
 // Every node of the scene, parents before children.
 int prt_gltf_walk(struct gltf *g);
 

@@ -178,6 +178,19 @@ static int read_indices(struct gltf *g, int64_t index, struct corners *c)
     return prt_gltf_indices(g, &a, to);
 }
 
+void prt_gltf_drop_draco(struct gltf *g, size_t view)
+{
+    struct gltf_mesh_data *data = g->draco[view];
+    if (!data) return;
+    struct prt_draco m = {.position = data->position,
+                          .normal = data->normal,
+                          .color = data->color,
+                          .triangle = data->triangle};
+    memcpy(m.uv, data->uv, sizeof m.uv);
+    prt_draco_free(&m);
+    g->draco[view] = NULL;
+}
+
 static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
                         const struct gltf_mesh_data **out)
 {
@@ -185,6 +198,9 @@ static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
     int status;
     if (view < 0 || (uint64_t)view >= g->file.n_view || p->draco_id[0] < 0)
         return prt_gltf_bad(g, "mesh %zu: damaged Draco primitive", g->mesh_index);
+    // Primitives may take other attributes of one view.
+    if (g->draco[view] && memcmp(g->draco[view]->id, p->draco_id, sizeof p->draco_id))
+        prt_gltf_drop_draco(g, (size_t)view);
     if (!g->draco[view]) { // instances share the decoded mesh
         struct gltf_bytes bytes;
         struct prt_draco mesh;
@@ -203,6 +219,7 @@ static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
                                         .normal = mesh.normal,
                                         .color = mesh.color,
                                         .triangle = mesh.triangle};
+        memcpy(data->id, p->draco_id, sizeof data->id);
         memcpy(data->uv, mesh.uv, sizeof data->uv);
         g->draco[view] = data;
     }

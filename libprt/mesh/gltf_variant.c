@@ -36,8 +36,8 @@ static void list_names(struct gltf *g)
         struct prt_mesh_variant *to = &d->variants[d->n_variant];
         *to = (struct prt_mesh_variant){{0}};
         snprintf(to->name, sizeof to->name, "%.63s", name ? name : "");
-        if (!to->name[0] || is_taken(d, to->name))
-            snprintf(to->name, sizeof to->name, "variant %u", d->n_variant);
+        for (uint32_t k = d->n_variant; !to->name[0] || is_taken(d, to->name); k++)
+            snprintf(to->name, sizeof to->name, "variant %u", k);
         d->n_variant++;
     }
 }

@@ -25,11 +25,13 @@ static float number_in(const cJSON *object, const char *key, double lo, double h
 static bool color_of(const cJSON *object, const char *key, float out[3])
 {
     const cJSON *list = member(object, key);
+    float rgb[3];
     for (int c = 0; c < 3; c++) {
         const cJSON *v = cJSON_GetArrayItem(list, c);
         if (!cJSON_IsNumber(v) || !(v->valuedouble >= 0 && v->valuedouble <= 1)) return false;
-        out[c] = (float)v->valuedouble;
+        rgb[c] = (float)v->valuedouble;
     }
+    memcpy(out, rgb, sizeof rgb);
     return true;
 }
 

@@ -66,7 +66,7 @@ static struct layout layout_of(const struct block_header *h)
         h->n_camera * sizeof(struct prt_mesh_camera),
         h->n_animation * sizeof(struct prt_mesh_animation),
         h->n_variant * sizeof(struct prt_mesh_variant),
-        h->n_variant ? h->n_block * (h->n_variant + 1) * sizeof(uint32_t) : 0};
+        h->n_variant ? sizeof(uint32_t) * h->n_block * (h->n_variant + 1) : 0};
     struct layout l;
     l.at[0] = HEADER;
     for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
@@ -134,7 +134,7 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
     memcpy(bytes + l.at[VARIANT], d->variants, d->n_variant * sizeof *d->variants);
     if (d->n_variant)
         memcpy(bytes + l.at[VARIANT_SURFACE], d->variant_surface,
-               d->n_block * (d->n_variant + 1) * sizeof *d->variant_surface);
+               sizeof *d->variant_surface * d->n_block * (d->n_variant + 1));
     pack_textures(d, &l, bytes);
     *out = (struct prt_blob){bytes, l.at[N_PART]};
     return PRT_OK;

@@ -52,12 +52,15 @@ static void read_color(const struct mtl *m, const char *p, double most, float ou
     memcpy(out, rgb, sizeof rgb);
 }
 
-// Up to three numbers of -o, -s or -t.
+// Up to three numbers of -o, -s or -t. A word that only begins with digits is the file's name.
 static void read_triple(const struct mtl *m, const char **p, float out[3])
 {
     for (int k = 0; k < 3; k++) {
-        if (!number_in(m, p, -1e5, 1e5, &out[k])) break;
-        *p = text_blank(*p);
+        const char *end = *p;
+        float x;
+        if (!number_in(m, &end, -1e5, 1e5, &x) || (*end && !strchr(" \t\r\n", *end))) break;
+        out[k] = x;
+        *p = text_blank(end);
     }
 }
 

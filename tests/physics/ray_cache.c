@@ -182,7 +182,7 @@ static void killed_bake_leaves_nothing_half(void **state)
 static void folder_keeps_to_its_budget(void **state)
 {
     enum { BYTES = 1000 };
-    static char data[BYTES];
+    static char data[3 * BYTES];
     size_t bytes;
     uint64_t rays;
     clear();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The JSON that a .prt records of its bake; the size of its clusters.
+// The JSON that a .prt records of its bake; bounds of settings; the size of clusters.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -7,6 +7,7 @@
 #include <cmocka.h>
 
 #include <cjson/cJSON.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -64,6 +65,67 @@ static void a_seed_keeps_its_digits(void **state)
     free(text);
 }
 
+// Several media are recorded in their order, and the number of each object's.
+static void media_are_recorded_by_object(void **state)
+{
+    static const struct prt_mesh three = {.n_object = 3};
+    static const uint8_t of_object[] = {1, 0, 1};
+    struct clusters none = {0};
+    struct bake b = small_bake(&none);
+    struct prt_material medium[2];
+    assert_int_equal(prt_material_load(&context, "skin1", &medium[0]), PRT_OK);
+    assert_int_equal(prt_material_load(&context, "marble", &medium[1]), PRT_OK);
+    b.mesh = &three;
+    b.o.media = (struct prt_media){2, medium, of_object};
+    char *text = prt_bake_describe(&b);
+    cJSON *json = cJSON_Parse(text);
+    const cJSON *media = cJSON_GetObjectItem(json, "media");
+    const cJSON *of = cJSON_GetObjectItem(json, "medium_of_object");
+    assert_int_equal(cJSON_GetArraySize(media), 2);
+    assert_int_equal(cJSON_GetArraySize(of), 3);
+    for (int i = 0; i < 2; i++) {
+        const cJSON *name = cJSON_GetObjectItem(cJSON_GetArrayItem(media, i), "name");
+        assert_string_equal(name->valuestring, medium[i].name);
+    }
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(cJSON_GetArrayItem(of, i)->valueint, of_object[i]);
+    cJSON_Delete(json);
+    free(text);
+}
+
+static char said[512];
+
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(said, sizeof said, "%s", line);
+}
+
+// A setting out of its bounds is refused by its own name.
+static void each_setting_has_its_bound(void **state)
+{
+    static const struct {
+        struct prt_bake_options o;
+        const char *name;
+    } wrong[] = {{{.n_sample = 1}, "--samples"},
+                 {{.cube = 17}, "--cube"},
+                 {{.n_coef = 5}, "--coeffs"},
+                 {{.rank = 1000000}, "--rank"},
+                 {{.n_basis_coef = 1000000}, "--basis-coeffs"},
+                 {{.n_phase = 5}, "--phase-terms"},
+                 {{.n_single = 1000000}, "--single-points"},
+                 {{.n_walk = 1}, "--walks"},
+                 {{.max_error = 7}, "--max-error"}};
+    struct prt_context c = context;
+    c.log = keep_line;
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        said[0] = 0;
+        assert_int_equal(prt_bake_check_settings(&c, &wrong[i].o), PRT_ARG);
+        assert_non_null(strstr(said, wrong[i].name));
+    }
+    const struct prt_bake_options open = {0};
+    assert_int_equal(prt_bake_check_settings(&c, &open), PRT_OK);
+}
+
 static uint32_t cluster_size(uint32_t n_vertex, enum prt_transport_kind engine,
                              enum prt_scattering scattering)
 {
@@ -101,6 +163,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_long_source_is_whole),
         cmocka_unit_test(a_seed_keeps_its_digits),
+        cmocka_unit_test(media_are_recorded_by_object),
+        cmocka_unit_test(each_setting_has_its_bound),
         cmocka_unit_test(a_small_model_has_many_clusters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -130,16 +130,17 @@ static void texts_of_orbits(void **state)
 
 // One triangle of 2 units, and cameras in the nodes.
 #define GLTF                                                                                                            \
-    "{\"asset\":{\"version\":\"2.0\"},\"scenes\":[{\"nodes\":[0,1,2,3,4,5]}],\"nodes\":["                               \
+    "{\"asset\":{\"version\":\"2.0\"},\"scenes\":[{\"nodes\":[0,1,2,3,4,5,6]}],\"nodes\":["                             \
     "{\"mesh\":0},"                                                                                                     \
     "{\"name\":\"Front\",\"camera\":0,\"translation\":[0,0,9]},"                                                        \
     "{\"name\":\"Front\",\"camera\":0,\"translation\":[9,0,0],"                                                         \
     "\"rotation\":[0,0.70710678,0,0.70710678]},"                                                                        \
     "{\"camera\":1,\"translation\":[0,7,0],\"rotation\":[-0.70710678,0,0,0.70710678]},"                                 \
-    "{\"name\":\"flat\",\"camera\":2},{\"name\":\"gone\",\"camera\":77}],"                                              \
-    "\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":0.5,\"znear\":0.1}},"                             \
+    "{\"name\":\"flat\",\"camera\":2},{\"name\":\"gone\",\"camera\":77},{\"name\":\"wide\",\"camera\":3}],"             \
+    "\"cameras\":[{\"name\":\"lens\",\"type\":\"perspective\",\"perspective\":{\"yfov\":0.5,\"znear\":0.1}},"           \
     "{\"name\":\"Top: of,it\",\"type\":\"perspective\",\"perspective\":{\"yfov\":1,\"znear\":1}},"                      \
-    "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,\"zfar\":2,\"znear\":1}}],"                     \
+    "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,\"zfar\":2,\"znear\":1}},"                      \
+    "{\"type\":\"perspective\",\"perspective\":{\"yfov\":3,\"znear\":1}}],"                                             \
     "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],\"accessors\":["                                 \
     "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":["                        \
     "{\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64," \
@@ -167,7 +168,7 @@ static void the_files_own_cameras(void **state)
     struct prt_mesh *m = load(GLTF, false);
     struct prt_context ctx = context();
     struct prt_camera c;
-    assert_int_equal(m->n_camera, 3); // the orthographic one is left out
+    assert_int_equal(m->n_camera, 3); // without the orthographic and the widest
     assert_string_equal(m->camera[0].name, "Front");
     assert_string_equal(m->camera[1].name, "Front 2");
     assert_string_equal(m->camera[2].name, "Top  of it"); // : and , separate coordinates

@@ -113,8 +113,8 @@ static struct prt_mesh *load_plain(const struct grid *g)
     return load(text, "", g, sizeof *g);
 }
 
-// The same through a Draco stream with n_color values a colour.
-static struct prt_mesh *load_compressed(const struct grid *g, int n_color)
+// The same through a Draco stream with n_color values a colour. more: further primitives.
+static struct prt_mesh *load_stream(const struct grid *g, int n_color, const char *more)
 {
     float color[N_VERTEX][4];
     for (int v = 0; v < N_VERTEX; v++)
@@ -124,7 +124,7 @@ static struct prt_mesh *load_compressed(const struct grid *g, int n_color)
         {DRACO_POSITION, 3, g->position[0]}, {DRACO_UV, 2, g->uv[0][0]},
         {DRACO_NORMAL, 3, g->normal[0]},     {DRACO_UV, 2, g->uv[1][0]}};
     static char stream[16384];
-    char text[2048];
+    char text[2048], primitive[1024];
     size_t n = draco_write(N_VERTEX, N_TRIANGLE, (const uint32_t(*)[3])g->triangle, 6,
                            attribute, stream, sizeof stream);
     assert_int_not_equal(n, 0);
@@ -132,11 +132,17 @@ static struct prt_mesh *load_compressed(const struct grid *g, int n_color)
     const size_t end = strlen(text);
     snprintf(text + end, sizeof text - end,
              "],\"bufferViews\":[{\"buffer\":0,\"byteLength\":%zu}]", n);
-    return load(text,
-                ",\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":0,"
-                "\"attributes\":{\"POSITION\":2,\"NORMAL\":4,\"COLOR_0\":1,\"TEXCOORD_0\":3,"
-                "\"TEXCOORD_1\":5,\"TEXCOORD_2\":0}}}",
-                stream, n);
+    snprintf(primitive, sizeof primitive,
+             ",\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":0,"
+             "\"attributes\":{\"POSITION\":2,\"NORMAL\":4,\"COLOR_0\":1,\"TEXCOORD_0\":3,"
+             "\"TEXCOORD_1\":5,\"TEXCOORD_2\":0}}}%s",
+             more);
+    return load(text, primitive, stream, n);
+}
+
+static struct prt_mesh *load_compressed(const struct grid *g, int n_color)
+{
+    return load_stream(g, n_color, "");
 }
 
 static void attributes_survive(void **state)
@@ -181,9 +187,30 @@ static void colours_need_no_material(void **state)
     prt_mesh_destroy(b);
 }
 
+// Two primitives of one stream take attributes of their own.
+static void primitives_share_a_stream(void **state)
+{
+    static struct grid g;
+    fill(&g);
+    struct prt_mesh *m = load_stream(
+        &g, 4,
+        "},{\"indices\":0,\"attributes\":{\"POSITION\":1,\"TEXCOORD_0\":4,\"TEXCOORD_1\":5},"
+        "\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":0,"
+        "\"attributes\":{\"POSITION\":2,\"TEXCOORD_0\":5,\"TEXCOORD_1\":3}}}");
+    assert_int_equal(m->n_vertex, 2 * N_VERTEX);
+    assert_memory_equal(m->uv, g.uv[0], sizeof g.uv[0]);
+    assert_memory_equal(m->uv[N_VERTEX], g.uv[1], sizeof g.uv[1]);
+    assert_memory_equal(m->uv_more[0], g.uv[1], sizeof g.uv[1]);
+    assert_memory_equal(m->uv_more[N_VERTEX], g.uv[0], sizeof g.uv[0]);
+    for (int v = 0; v < N_VERTEX; v++) // without COLOR_0 it is white
+        for (int c = 0; c < 4; c++) assert_float_equal(m->color[N_VERTEX + v][c], 1, 0);
+    prt_mesh_destroy(m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(attributes_survive),
-                                       cmocka_unit_test(colours_need_no_material)};
+                                       cmocka_unit_test(colours_need_no_material),
+                                       cmocka_unit_test(primitives_share_a_stream)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -326,6 +326,21 @@ static void materials_decide(void **state)
     assert_non_null(strstr(lines, "nobody"));
 }
 
+// Variants without a name, or with that of another, get one that no other has.
+static void variants_have_names_of_their_own(void **state)
+{
+    struct prt_mesh *m = must_load(
+        gltf(&tetrahedron, sizeof tetrahedron,
+             TWO_MATERIALS("") ",\"extensions\":{\"KHR_materials_variants\":{\"variants\":["
+                               "{\"name\":\"variant 1\"},{},{\"name\":\"variant 1\"},{}]}}"));
+    assert_int_equal(m->n_variant, 4);
+    assert_string_equal(m->variant[0].name, "variant 1");
+    for (uint32_t i = 0; i < 4; i++)
+        for (uint32_t k = 0; k < i; k++)
+            assert_string_not_equal(m->variant[i].name, m->variant[k].name);
+    prt_mesh_destroy(m);
+}
+
 static void limits_hold(void **state)
 {
     struct prt_mesh *m;
@@ -556,6 +571,69 @@ static void ply_in_three_formats(void **state)
     }
 }
 
+// Normals of any length, coordinates whose v counts upwards, and signed whole numbers.
+static void ply_numbers(void **state)
+{
+    static const char head[] =
+        "ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty short x\n"
+        "property char y\nproperty int z\nproperty char nx\nproperty char ny\n"
+        "property char nz\nproperty uchar s\nproperty uchar t\nelement face 1\n"
+        "property list uchar ushort vertex_indices\nend_header\n";
+    static const unsigned char body[] = {
+        0xff, 0xfe, 0xfd, 0xff, 0xff, 0xff, 0xfc, 0, 3, 4,    2, 3, // -2 -3 -4
+        1,    0,    0,    0,    0,    0,    0,    0, 3, 0xfc, 0, 1, // 256 0 0
+        0,    0,    7,    0,    0,    1,    0,    0, 0, 5,    1, 0, // 0 7 256
+        3,    0,    0,    0,    1,    0,    2};
+    char file[sizeof head + sizeof body];
+    struct prt_context ctx = context();
+    struct prt_mesh *m = NULL;
+    memcpy(file, head, sizeof head - 1);
+    memcpy(file + sizeof head - 1, body, sizeof body);
+    assert_int_equal(prt_mesh_load_memory(&ctx, "m.ply", file, sizeof head - 1 + sizeof body,
+                                          NULL, NULL, &m),
+                     PRT_OK);
+    const float p[3][3] = {{-2, -3, -4}, {256, 0, 0}, {0, 7, 256}};
+    const float n[3][3] = {{0, 0.6f, 0.8f}, {0, 0.6f, -0.8f}, {0, 0, 1}};
+    const float uv[3][2] = {{2, -2}, {0, 0}, {1, 1}};
+    assert_memory_equal(m->position, p, sizeof p);
+    assert_memory_equal(m->uv, uv, sizeof uv);
+    for (int v = 0; v < 3; v++)
+        for (int c = 0; c < 3; c++) assert_float_equal(m->normal[v][c], n[v][c], 1e-6);
+    prt_mesh_destroy(m);
+}
+
+// Two triangles that touch at an edge on y = 0, which one of them writes as -0: one surface.
+static void zero_has_one_place(void **state)
+{
+    struct prt_mesh *m = must_load("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 -0 -0\nv -0 -0 -0\n"
+                                   "v 0 -1 0\nf 1 2 3\nf 4 5 6\n");
+    assert_int_equal(m->n_weld, 4);
+    assert_int_equal(m->weld[0], m->weld[4]);
+    prt_mesh_destroy(m);
+}
+
+// Faces of two objects in turns: each triangle keeps the texture coordinates of its corners,
+// which differ at a seam, and the opaque object has a surface of its own.
+static void obj_faces_in_turns(void **state)
+{
+    static const char *const opaque[] = {"b", NULL};
+    const struct prt_mesh_options options = {.opaque = opaque};
+    struct prt_mesh *m;
+    const char *text = "usemtl wax\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 5 0 0\nv 6 0 0\n"
+                       "v 5 1 0\nv 5 0 1\nvt 0 0\nvt .25 0\nvt .5 0\nvt .75 0\n"
+                       "o a\nf 1/1 2/1 3/1\no b\nf 5/2 6/2 7/2\n"
+                       "o a\nf 1/3 3/3 4/3\no b\nf 5/4 7/4 8/4\n";
+    assert_int_equal(load_text(text, &options, &m), PRT_OK);
+    assert_int_equal(m->n_block, 2);
+    assert_non_null(m->corner_uv);
+    for (int t = 0; t < 4; t++)
+        for (int c = 0; c < 3; c++)
+            assert_float_equal(m->corner_uv[t][c][0], (float)(t / 2 + 2 * (t % 2)) / 4, 0);
+    assert_int_equal(m->surface[m->block[0].surface].translucent, 1);
+    assert_int_equal(m->surface[m->block[1].surface].translucent, 0);
+    prt_mesh_destroy(m);
+}
+
 // ---- arrays, scale, writing
 
 static struct prt_mesh *make_tetrahedron(void)
@@ -783,12 +861,16 @@ int main(void)
         cmocka_unit_test(sparse_and_normalised),
         cmocka_unit_test(bytes_are_normalised),
         cmocka_unit_test(materials_decide),
+        cmocka_unit_test(variants_have_names_of_their_own),
         cmocka_unit_test(limits_hold),
         cmocka_unit_test(faults_are_named),
         cmocka_unit_test(what_is_not_read_cannot_fail),
         cmocka_unit_test(buffers_stay_in_the_folder),
         cmocka_unit_test(obj_keeps_its_vertices),
         cmocka_unit_test(ply_in_three_formats),
+        cmocka_unit_test(ply_numbers),
+        cmocka_unit_test(zero_has_one_place),
+        cmocka_unit_test(obj_faces_in_turns),
         cmocka_unit_test(scale_is_refused_or_done),
         cmocka_unit_test(colours_round_trip),
         cmocka_unit_test(data_counts),

@@ -409,6 +409,41 @@ static void maps_of_a_gltf(void **state)
     assert_null(strstr(lines, "left out"));
 }
 
+// What extensions replace: the set of coordinates, the strength of emission, the metal of a
+// glossy material, and a PNG that has a WebP beside it.
+static void extensions_of_a_gltf(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m =
+        load(&ctx, "\"emissiveFactor\":[0.5,0.25,0],\"pbrMetallicRoughness\":"
+                   "{\"baseColorTexture\":{\"index\":0,\"extensions\":"
+                   "{\"KHR_texture_transform\":{\"texCoord\":1}}}},\"extensions\":"
+                   "{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":4}}");
+    struct prt_look l = look(m); // the second set lies in the blue texel
+    assert_true(l.base[0] < 1e-4f && l.base[2] > 0.99f);
+    assert_float_equal(l.emission[0], 2, 1e-5);
+    assert_float_equal(l.emission[1], 1, 1e-5);
+    assert_float_equal(l.metallic, 1, 0);
+    prt_mesh_destroy(m);
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":"
+                   "{\"diffuseTexture\":{\"index\":0}}}");
+    assert_int_equal(m->n_image, 1);
+    assert_float_equal(look(m).metallic, 0, 0);
+    prt_mesh_destroy(m);
+    lines[0] = 0;
+    assert_int_equal(
+        square(&ctx,
+               "\"images\":[{\"uri\":\"none.png\"},{\"uri\":\"data:image/png;base64,%s\"}],"
+               "\"textures\":[{\"source\":0,\"extensions\":{\"EXT_texture_webp\":"
+               "{\"source\":1}}}],\"materials\":[{\"pbrMetallicRoughness\":"
+               "{\"baseColorTexture\":{\"index\":0}}}]",
+               &m),
+        PRT_OK);
+    assert_int_equal(m->n_image, 1);
+    assert_null(strstr(lines, "none.png"));
+    prt_mesh_destroy(m);
+}
+
 // Numbers come from the channels that glTF says: red occludes, green is rough, blue is metal.
 static void channels_of_numbers(void **state)
 {
@@ -456,6 +491,16 @@ static void volumes_of_a_gltf(void **state)
     prt_mesh_destroy(m);
     m = load(&ctx, "\"name\":\"plain\"");
     assert_null(m->volume);
+    prt_mesh_destroy(m);
+    // one number out of range makes the whole colour absent
+    m = load(&ctx, "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,0.8,0.7,1]},"
+                   "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.02,"
+                   "\"attenuationColor\":[0.5,0.6,7]},\"KHR_materials_scatter\":"
+                   "{\"multiscatterColor\":[0.3,0.4]}}");
+    for (int c = 0; c < 3; c++) {
+        assert_float_equal(m->volume[0].color[c], 1, 0);
+        assert_float_equal(m->volume[0].albedo[c], 0.9 - 0.1 * c, 1e-6);
+    }
     prt_mesh_destroy(m);
     lines[0] = 0; // F_0 of a quarter of eta 1.5 is 0.01; a coat is named as lost
     m = load(&ctx, "\"extensions\":{\"KHR_materials_specular\":{\"specularFactor\":0.25},"
@@ -578,6 +623,18 @@ static void numbers_of_an_obj_material(void **state)
     assert_int_equal(map->ref.wrap_v, PRT_WRAP_CLAMP);
     assert_float_equal(t[0] * u + t[1] * (1 - v) + t[2], 0.25 + 2 * u, 1e-6);
     assert_float_equal(t[3] * u + t[4] * (1 - v) + t[5], 1 - (0.5 + 3 * v), 1e-6);
+    // Pr holds, whichever comes first; a name may begin with digits
+    static const char *const order[] = {
+        "newmtl a\nPr .5\nNs 100\nmap_Kd -s 2 2 1001.png\n",
+        "newmtl a\nNs 100\nPr .5\nmap_Kd -o 0 0 -mm 0 1 3d.png"};
+    static const char *const name[] = {"1001.png", "3d.png"};
+    for (int i = 0; i < 2; i++) {
+        prt_obj_material_init(&m);
+        prt_obj_material_parse(&draft, order[i], &m);
+        assert_float_equal(m.roughness, 0.5, 0);
+        assert_string_equal(m.map[PRT_MAP_BASE].file, name[i]);
+        assert_float_equal(m.map[PRT_MAP_BASE].ref.transform[0], i ? 1 : 2, 0);
+    }
 }
 
 static void wrong_texture_records(void **state)
@@ -632,6 +689,7 @@ int main(void)
         cmocka_unit_test(probes_lie_about_the_point),
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(extensions_of_a_gltf),
         cmocka_unit_test(channels_of_numbers),
         cmocka_unit_test(numbers_of_an_obj_material),
         cmocka_unit_test(normals_tilt_up),
