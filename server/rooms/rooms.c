@@ -526,9 +526,3 @@ void rooms_maintain(struct rooms *rooms)
     task->done = purged;
     rooms->store->api->submit(rooms->store, task);
 }
-
-void rooms_count(const struct rooms *rooms, unsigned *n_room, unsigned *n_participant)
-{
-    *n_room = rooms ? rooms->n_room : 0;
-    *n_participant = rooms ? rooms->n_seat : 0;
-}

@@ -18,7 +18,4 @@ void rooms_destroy(struct rooms *rooms);
 /* Deletes rooms that were closed longer ago than --rooms-keep; once a minute. */
 void rooms_maintain(struct rooms *rooms);
 
-/* Number of rooms in memory, and of people in them. */
-void rooms_count(const struct rooms *rooms, unsigned *n_room, unsigned *n_participant);
-
 #endif
