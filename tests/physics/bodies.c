@@ -251,3 +251,16 @@ void split_opaque(struct prt_mesh *mesh, uint32_t vertex_begin, uint32_t triangl
 {
     split_parts(mesh, 2, (struct part[]){{0, 0, NULL}, {vertex_begin, triangle_begin, rgb}});
 }
+
+struct prt_mesh *ball_over_square(const struct prt_context *ctx, uint32_t around,
+                                  uint32_t along)
+{
+    struct model m;
+    model_init(&m, around * (along + 1) + 4, 2 * around * along + 2);
+    add_round_ball(&m, around, along, 10);
+    const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
+    add_floor(&m, 15, -11, 1);
+    struct prt_mesh *mesh = body_mesh(ctx, &m, false);
+    split_opaque(mesh, n_vertex, n_triangle, (const float[]){0.8f, 0.6f, 0.4f});
+    return mesh;
+}

@@ -62,5 +62,8 @@ void split_parts(struct prt_mesh *mesh, uint32_t n, const struct part part[]);
 // split_parts().
 void split_opaque(struct prt_mesh *mesh, uint32_t vertex_begin, uint32_t triangle_begin,
                   const float rgb[3]);
+// A round ball of 20 mm over an opaque square. As body_mesh().
+struct prt_mesh *ball_over_square(const struct prt_context *ctx, uint32_t around,
+                                  uint32_t along);
 
 #endif

@@ -21,19 +21,6 @@ static void listen_in(void *user, enum prt_log_level level, const char *line)
     if (level != PRT_LOG_NOTE) snprintf(user, sizeof warned, "%s", line);
 }
 
-// A ball of 20 mm over an opaque square.
-static struct prt_mesh *scene(void)
-{
-    struct model m;
-    model_init(&m, 24 * 17 + 4, 24 * 16 * 2 + 2);
-    add_round_ball(&m, 24, 16, 10);
-    const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
-    add_floor(&m, 15, -11, 1);
-    struct prt_mesh *mesh = body_mesh(&context, &m, false);
-    split_opaque(mesh, n_vertex, n_triangle, (const float[]){0.8f, 0.6f, 0.4f});
-    return mesh;
-}
-
 static struct prt_bake_options options(enum prt_transport_kind engine,
                                        const struct prt_material *material)
 {
@@ -72,7 +59,7 @@ static void another_bake(const struct prt_mesh *mesh, struct prt_bake_options o)
 // the albedo of an opaque object are inputs of a bake.
 static void light_options_and_albedo(void **state)
 {
-    struct prt_mesh *mesh = scene();
+    struct prt_mesh *mesh = ball_over_square(&context, 24, 16);
     struct prt_env *env, *other;
     struct prt_material skin;
     assert_int_equal(prt_material_load(&context, "skin1", &skin), PRT_OK);
@@ -107,7 +94,7 @@ static void points_of_a_profile(void **state)
     static const char text[] =
         "{\"profile\":\"curve\",\"radius\":[0,1,2,4],\"rd\":[[0.03,0.02,0.01,0],"
         "[0.03,0.01,0.005,0],[0.02,0.01,0.003,0]]}";
-    struct prt_mesh *mesh = scene();
+    struct prt_mesh *mesh = ball_over_square(&context, 24, 16);
     struct prt_material curve;
     assert_int_equal(prt_material_parse(&context, "curve", text, strlen(text), &curve), PRT_OK);
     struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, &curve);
@@ -122,7 +109,7 @@ static void points_of_a_profile(void **state)
 // seconds, and is left alone.
 static void checkpoint_in_use(void **state)
 {
-    struct prt_mesh *mesh = scene();
+    struct prt_mesh *mesh = ball_over_square(&context, 24, 16);
     struct prt_material skin;
     struct prt_context c = context;
     char path[256];

@@ -21,17 +21,10 @@ static void listen_in(void *user, enum prt_log_level level, const char *line)
     if (level != PRT_LOG_NOTE) snprintf(user, sizeof warned, "%s", line);
 }
 
-// A ball of 20 mm over an opaque square: clusters of both kinds, and three of the ball.
+// Clusters of both kinds, and three of the ball.
 static struct prt_mesh *scene(void)
 {
-    struct model m;
-    model_init(&m, 48 * 33 + 4, 48 * 32 * 2 + 2);
-    add_round_ball(&m, 48, 32, 10);
-    const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
-    add_floor(&m, 15, -11, 1);
-    struct prt_mesh *mesh = body_mesh(&context, &m, false);
-    split_opaque(mesh, n_vertex, n_triangle, (const float[]){0.8f, 0.6f, 0.4f});
-    return mesh;
+    return ball_over_square(&context, 48, 32);
 }
 
 static struct prt_bake_options options(enum prt_transport_kind engine, enum prt_storage storage)
