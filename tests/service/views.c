@@ -327,20 +327,28 @@ static void alpha_by_name(void **state)
     assert_int_equal(code_of(set(view, 3, &p, NULL, 0)), no);
 }
 
+// A view with a window of one whose second state waits for the acknowledgement of its frame.
+static uint64_t open_waiting_view(struct put *p)
+{
+    struct seen seen;
+    put_init(p);
+    p->state.n_lights = 1;
+    p->light.env = "constant:1,2,3";
+    p->state.options = &p->options;
+    p->options.window = 1;
+    uint64_t view = open_view(p);
+    assert_true(next_frame(view, &seen, 20000));
+    p->light.env = "constant:3,2,1";
+    set(view, 1, p, NULL, 0);
+    assert_false(next_frame(view, &seen, 300));
+    return view;
+}
+
 static void acknowledged_without_an_answer(void **state)
 {
     struct put p;
-    put_init(&p);
-    p.state.n_lights = 1;
-    p.light.env = "constant:1,2,3";
-    p.state.options = &p.options;
-    p.options.window = 1;
-    uint64_t view = open_view(&p);
     struct seen seen;
-    assert_true(next_frame(view, &seen, 20000));
-    p.light.env = "constant:3,2,1";
-    set(view, 1, &p, NULL, 0);
-    assert_false(next_frame(view, &seen, 300));
+    uint64_t view = open_waiting_view(&p);
     // Those that name no frame of this view change nothing, and nothing is answered.
     acknowledge(view + 1, 1);
     acknowledge(0, UINT64_MAX);
@@ -369,17 +377,8 @@ static void acknowledged_without_an_answer(void **state)
 static void acknowledged_by_a_refused_state(void **state)
 {
     struct put p;
-    put_init(&p);
-    p.state.n_lights = 1;
-    p.light.env = "constant:1,2,3";
-    p.state.options = &p.options;
-    p.options.window = 1;
-    uint64_t view = open_view(&p);
     struct seen seen;
-    assert_true(next_frame(view, &seen, 20000));
-    p.light.env = "constant:3,2,1";
-    set(view, 1, &p, NULL, 0);
-    assert_false(next_frame(view, &seen, 300));
+    uint64_t view = open_waiting_view(&p);
     assert_int_equal(code_of(set_shown(view, 2, 1, &p, (char *[]){"shade.colour"}, 1)),
                      RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
     assert_true(next_frame(view, &seen, 20000));

@@ -474,7 +474,7 @@ static void blocker_done(struct work *work)
 {
 }
 
-// Of two who wait for a check one leaves before it begins: the other is woken all the same.
+// Two requests wait for one check. One leaves before it begins; the other is still woken.
 static void test_one_of_two_leaves_a_check(void **state)
 {
     struct store s;
@@ -599,7 +599,7 @@ static void test_eviction_within_shares(void **state)
     close_store(&s);
 }
 
-// Who is above its share still takes the room of blobs that have no owner any more.
+// A principal above its share may still take the room of blobs without an owner.
 static void test_room_of_nobody(void **state)
 {
     struct store s;
@@ -660,20 +660,26 @@ static void test_largest_blob(void **state)
     close_store(&s);
 }
 
+// A store with room for n blocks of 16 KiB and two old uploads of ann's, the first used last.
+static void two_old_uploads(struct store *s, uint64_t n, char first[65], char second[65])
+{
+    new_store(s);
+    s->setup.keep_s = 0;
+    s->options.client_disk = n * 16384;
+    reopen_store(s);
+    put_whole(s, "ann", 'a', 12288, first);
+    put_whole(s, "ann", 'b', 12288, second);
+    blobs_maintain(s->blobs);
+    turn_until_idle(s);
+    blobs_touch(s->blobs, first);
+}
+
 // A time of use is written though an upload has arrived since.
 static void test_use_before_an_upload_is_kept(void **state)
 {
     struct store s;
-    new_store(&s);
     char first[65], second[65], hash[65];
-    s.setup.keep_s = 0;
-    s.options.client_disk = 3 * 16384;
-    reopen_store(&s);
-    put_whole(&s, "ann", 'a', 12288, first);
-    put_whole(&s, "ann", 'b', 12288, second);
-    blobs_maintain(s.blobs);
-    turn_until_idle(&s);
-    blobs_touch(s.blobs, first);
+    two_old_uploads(&s, 3, first, second);
     put_whole(&s, "ann", 'c', 12288, hash);
     reopen_store(&s);
     put_whole(&s, "ann", 'd', 12288, hash);
@@ -685,18 +691,10 @@ static void test_use_before_an_upload_is_kept(void **state)
 // Nor is it lost by one that was fetched from the folder of all replicas.
 static void test_use_before_a_fetch_is_kept(void **state)
 {
-    struct store s;
-    new_store(&s);
     static const char bytes[] = "from another replica";
+    struct store s;
     char first[65], second[65], fetched[65], path[4096], hash[65];
-    s.setup.keep_s = 0;
-    s.options.client_disk = 2 * 16384;
-    reopen_store(&s);
-    put_whole(&s, "ann", 'a', 12288, first);
-    put_whole(&s, "ann", 'b', 12288, second);
-    blobs_maintain(s.blobs);
-    turn_until_idle(&s);
-    blobs_touch(s.blobs, first);
+    two_old_uploads(&s, 2, first, second);
     hash_of(bytes, sizeof bytes, fetched);
     blobs_path(s.blobs, fetched, path, sizeof path);
     int fd = open(path, O_CREAT | O_WRONLY, 0600);
