@@ -297,9 +297,7 @@ static int expand(const struct relight_factors *factors, const struct relight_co
                   uint32_t plane, const struct sums into[3], struct relight_error *error)
 {
     int status = 0;
-    const bool rows = colors->format == RELIGHT_COLOR_COEFFICIENTS ||
-                      colors->format == RELIGHT_COLOR_COEFFICIENTS_PACKED;
-    if (!rows || plane >= colors->n_plane)
+    if (!relight_is_coefficients((int)colors->format) || plane >= colors->n_plane)
         return relight_fail(error, RELIGHT_E_ARGUMENT, "", "no coefficients of plane %u",
                             plane);
     if (colors->factors != factors->hash || colors->n_vertex != factors->n_vertex)

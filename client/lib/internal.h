@@ -109,6 +109,11 @@ int relight_get_colors(const Relight__ColorsAnswer *message, const uint8_t *payl
                        struct relight_error *error);
 /* The coefficients of an answer, checked; they point into it. */
 bool relight_get_coefficients(const Relight__ColorsAnswer *message, struct relight_colors *out);
+/* Whether the format holds coefficients in place of colours. */
+static inline bool relight_is_coefficients(int format)
+{
+    return format == RELIGHT_COLOR_COEFFICIENTS || format == RELIGHT_COLOR_COEFFICIENTS_PACKED;
+}
 /* The factors of an answer that was fetched with most_rank, checked; they point into it. */
 int relight_get_factors(const Relight__FactorsAnswer *message, const struct answer *answer,
                         uint32_t most_rank, struct relight_factors *out,

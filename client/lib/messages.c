@@ -234,8 +234,7 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
     const uint64_t each = (uint64_t)n * relight_color_bytes(m->format);
     uint64_t need = each;
     uint64_t last; // where the last plane starts
-    const bool rows = m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS ||
-                      m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS_PACKED;
+    const bool rows = relight_is_coefficients((int)m->format);
     if (rows) need = m->plane_bytes;
     const bool parted = m->n_part > 0 && !rows;
     if ((!rows && !relight_color_bytes(m->format)) || !m->n_plane ||

@@ -94,8 +94,8 @@ static void pack_two(const float number[6], uint32_t out[2])
     most = most < 0x1p14f ? most : 0x1p14f;
     memcpy(&bits, &most, 4);
     int exponent = (int)(bits >> 23) - 126; // most < 2^exponent
-    exponent += most >= 511.5f * power_of_two(exponent < -100 ? -100 : exponent - 9); // to 512
-    exponent = exponent < 0 ? 0 : exponent > 15 ? 15 : exponent;
+    if (exponent < 0) exponent = 0;
+    if (most >= 511.5f * power_of_two(exponent - 9) && exponent < 15) exponent++; // not to 512
     const float steps = power_of_two(9 - exponent);
     for (int i = 0; i < 2; i++) {
         out[i] = (uint32_t)(exponent >> 2 * i & 3) << 30;
