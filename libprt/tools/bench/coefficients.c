@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a daemon computes for a frame of coefficients, as the page asks for them: the
-// contraction, and rounding to the packed format.
+// The daemon's cost of a frame of coefficients in the packed format, which the page asks for:
+// the contraction and the rounding.
 #include "bench.h"
 #include "prt/relight.h"
 

@@ -81,7 +81,7 @@ static void watch_for_ending(void)
     }
 }
 
-// Puts a daemon in the place of another; NULL: in a free place, or nothing there any more.
+// Replaces an entry of `running`: (NULL, d) adds a daemon, (d, NULL) removes it.
 static void put_in_place_of(const struct bench_daemon *old, const struct bench_daemon *d)
 {
     pthread_mutex_lock(&lock);

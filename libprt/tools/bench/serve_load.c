@@ -227,8 +227,8 @@ struct zipf {
     double rate[ZIPF_ROUNDS], cpu_s, n_answer;
 };
 
-// --cache: as large as when it is full of answers that nobody asks for again. Where it grows,
-// the system clears its pages, which costs as much as the answers.
+// --cache 64M: the cache is full after the warm-up. While a cache grows, the system clears
+// pages for it, which takes time from the daemon that the comparison is not about.
 static int zipf_start(struct bench_env *env, const char *memory, struct zipf *z)
 {
     const char *const extra[] = {"--memory", memory, "--cache", "64M", NULL};
@@ -294,11 +294,9 @@ static int run_zipf(struct bench_env *env)
     int status = zipf_bytes(env, &bytes);
     if (status) return status;
     snprintf(memory, sizeof memory, "%.0f", bytes * (RESIDENT + 0.5));
-    if ((status = zipf_start(env, "8G", &all))) return status;
-    if ((status = zipf_start(env, memory, &some))) {
-        zipf_stop(&all);
-        return status;
-    }
+    some.crowd.epoll_fd = -1; // where it is not started
+    status = zipf_start(env, "8G", &all);
+    if (!status) status = zipf_start(env, memory, &some);
     for (int r = 0; r < ZIPF_ROUNDS && !status; r++) {
         status = zipf_round(env, &all, r);
         if (!status) status = zipf_round(env, &some, r);
