@@ -117,7 +117,7 @@ static const struct row {
     {'f', "format", "FORMAT", WORD, AT(format), 0, 0, color_formats, 0,
      "encoding of colours on the wire: f32 (default), f16, rgb9e5, srgb8, coefficients (small "
      "answers, which this program multiplies with the bake's factors) or coefficients-packed (two "
-     "thirds of their bytes, colours within 0.1 %)"},
+     "thirds of their bytes, colours some 0.1 % off)"},
     {'c', "camera", "NAME|CAMERA", SPECIAL, 0, 0, 0, NULL, 0,
      "a camera of the model's file (info lists them), or EYE:TARGET[:UP][:FOVY] as "
      "x,y,z:x,y,z:x,y,z:degrees (default: frame the model)"},

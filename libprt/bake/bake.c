@@ -452,7 +452,7 @@ static int shard_key(const struct bake *b, uint64_t *out)
     uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
     key = prt_hash64(more, sizeof more, key);
     free(settings);
-    // The settings give a profile in few digits, and the mesh's hash leaves surfaces out.
+    // The settings print a profile with few digits, and the mesh's hash covers no surfaces.
     const uint64_t media = prt_media_hash(&b->o.media, b->mesh->n_object);
     key = prt_hash64(&media, sizeof media, key);
     for (uint32_t i = 0; i < b->mesh->n_surface; i++) {

@@ -548,7 +548,7 @@ static void test_quotas_of_a_name_used_again(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// TOKEN_LIST shows what was given, also after a restart.
+// TOKEN_LIST shows the quotas, scopes and end that TOKEN_CREATE gave, also after a restart.
 static void test_quotas_are_listed(void **state)
 {
     char secret[RELIGHT_SECRET];

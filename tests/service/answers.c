@@ -120,7 +120,7 @@ static void test_mended_values_are_counted(void **state)
     end_client(client);
 }
 
-// GEOMETRY leaves out the normals, the triangles or both, and says what it sent.
+// A GEOMETRY request may omit normals, triangles or both; its answer names the sections it has.
 static void test_parts_of_a_geometry(void **state)
 {
     enum { VECTORS = 12 * OCTAHEDRON_VERTICES, AFTER = 128, TRIANGLES = 8 * 12 };

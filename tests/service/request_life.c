@@ -66,7 +66,7 @@ static char *fresh_env(void)
 
 static int setup(void **state)
 {
-    // Two of the large answers that nobody reads are more than this.
+    // Two of the answers that test_unread_answers_are_late leaves unread exceed it.
     static const char *const extra[] = {"--send-buffer", "16M", NULL};
     daemon_folder(&d);
     daemon_start(&d, extra);

@@ -275,7 +275,7 @@ static void test_parts_come_back(void **state)
     assert_int_equal(get_range(fd, hash, N, 0, bytes, 0), 0);
     assert_int_equal(get_range(fd, hash, N + 1, 0, bytes, 0),
                      RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE);
-    // What was charged for them is given back.
+    // The memory that was charged for the answers is given back.
     assert_true(metric(client, payload_held) == before);
     relight_close(client);
     close(fd);

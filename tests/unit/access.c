@@ -197,7 +197,7 @@ static void test_rate(void **state)
     }
 }
 
-// What a restart or another replica reads of tokens is what was written.
+// Tokens that are written and read again, by a restart or another replica, are the same.
 static void test_tokens_as_text(void **state)
 {
     struct token_store store = {0}, again;
@@ -230,7 +230,7 @@ static void test_tokens_as_text(void **state)
         assert_true(b->rate == a->rate);
         assert_memory_equal(b->limit, a->limit, sizeof a->limit);
     }
-    // One that goes leaves the others in their order.
+    // Removing a token keeps the order of the others.
     token_remove(&again, &again.token[0]);
     assert_int_equal(again.n, 1);
     assert_string_equal(again.token[0].name, "plain");
@@ -240,7 +240,7 @@ static void test_tokens_as_text(void **state)
     tokens_finish(&store);
 }
 
-// The list is bounded; what goes leaves its place.
+// A store holds TOKENS_MAX tokens; one that is removed makes room for another.
 static void test_most_tokens(void **state)
 {
     struct token_store store = {0};
@@ -377,7 +377,7 @@ static void test_revoked_invitations(void **state)
     }
 }
 
-// An invitation ends at its time, also for who came in before.
+// An invitation expires at its time, also for a guest who is in the room already.
 static void test_expired_invitations(void **state)
 {
     struct guests guests = {0};

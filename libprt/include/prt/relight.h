@@ -237,7 +237,7 @@ struct prt_coefficients {
     uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less, and rows that are
                          * left out are not computed */
     bool phases;        /* the planes of a phase function that is not even */
-    bool packed;    /* a u32 for r, g and b: two thirds of the bytes, colours within 0.1 % */
+    bool packed;    /* a u32 for r, g and b: two thirds of the bytes, colours some 0.1 % off */
     uint16_t *half; /* [n_half], 4-byte aligned; packed: two for each u32 */
     /* Set by prt_coefficients_plan, the scales by prt_answer_coefficients. */
     uint32_t n_layer;

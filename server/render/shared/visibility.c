@@ -53,8 +53,8 @@ int camera_choose(struct model *model, uint64_t generation, const struct render_
                    ? RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE
                    : 0;
     float aspect = (float)s->width / (float)s->height;
-    // Framing reads every vertex and runs on the loop's thread: it is done once a generation. A
-    // variant may have other translucent parts, which are what is framed.
+    // Framing reads every vertex and runs on the loop's thread: it is done once a generation
+    // and variant. The frame fits the translucent parts, which differ between variants.
     if (model->frame_generation != generation || model->frame_aspect != aspect ||
         strcmp(model->frame_variant, s->variant)) {
         prt_camera_frame(mesh, aspect, &model->frame);
