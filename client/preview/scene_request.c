@@ -22,7 +22,7 @@ static void put_camera(const Relight__Camera *from, struct relight_camera *to)
 {
     if (!from) return;
     if (given(from->name)) snprintf(to->name, sizeof to->name, "%s", from->name);
-    to->set = from->eye != NULL;
+    to->set = from->eye || from->orbit || to->name[0];
     put_vec3(from->eye, to->eye);
     put_vec3(from->target, to->target);
     put_vec3(from->up, to->up);
@@ -58,6 +58,7 @@ static void put_shade(const Relight__Shade *from, struct relight_shade *to)
     to->normal_map = given(from->normal_map);
     to->bump_map = given(from->bump_map);
     to->bump_mm = from->bump_mm;
+    to->variant = given(from->variant);
 }
 
 static void put_lists(const Relight__Scene *scene, struct scene_request *out)

@@ -86,6 +86,26 @@ wait "$preview" || fail "status $? after SIGTERM: $(cat errors)"
 [ "$(wc -l <followed)" = 3 ] || fail "a cursor makes pictures: $(cat followed)"
 [ ! -s errors.hand ] || fail "$(cat errors.hand)"
 
+# ---- a camera by orbit
+relight room scene 'First review' --orbit 30,40,2
+relight room show 'First review' -o third.png
+cmp -s third.png first.png && fail "the orbit changes nothing"
+follow 'First review' -o orbit.png --frames 1
+wait "$preview" || fail "status $?: $(cat errors)"
+same orbit-0001.png third.png
+
+# ---- another variant of the file
+PYTHONPATH=$here/../unit python3 -c 'import variant_model; variant_model.write("v.glb")'
+relight load v.glb --remote --size-mm 20 --preview
+relight room create Variants --model v --env constant:1,1,1 --size 96x64
+relight room show Variants -o own.png
+relight room act Variants '{"scene":{"parts":["shade"],"scene":{"shade":{"variant":"day","engine":"splat"}}}}'
+relight room show Variants -o day.png
+cmp -s own.png day.png && fail "the variant changes nothing"
+follow Variants -o variant.png --frames 1
+wait "$preview" || fail "status $?: $(cat errors)"
+same variant-0001.png day.png
+
 # ---- a film; wrong words
 # Frames on their way to ffmpeg, counted by a program of its name.
 mkdir fake
