@@ -28,7 +28,7 @@ static const struct argp_option table[] = {
      "a view's picture, .jpg or .png, replaced at every frame; - draws in the terminal", 1},
     {"size", 'z', "WxH", 0, "pixels of the picture (default 640x480)", 1},
     {"rotate", 'r', "DEG", 0, "where the light of a view begins", 1},
-    {"orbit", 'O', "AZ,EL[,ZOOM]", 0, "where the camera of a view begins", 1},
+    {"orbit", 'O', "AZ,EL[,ZOOM]", 0, "where the camera of a view begins (default 0,15)", 1},
     {"exposure", 'x', "STOPS", 0, "where the exposure of a view begins", 1},
     {"light", 'l', "N", 0, "move only this light, from 1 (default: all)", 1},
     {"as", KEY_AS, "NAME", 0, "display name in a room (default $USER)", 1},
@@ -183,6 +183,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 void options_parse(int argc, char **argv, struct options *out)
 {
     *out = (struct options){.light = -1, .wait_s = 8};
+    // The daemon's own camera, as an orbit that can be moved.
+    out->picture.camera =
+        (struct relight_camera){.set = true, .has_orbit = true, .elevation_deg = 15, .zoom = 1};
     argp_err_exit_status = EXIT_USAGE;
     static const struct argp how = {
         table,

@@ -39,7 +39,6 @@ static void apply_values(struct view *v)
         for (int k = 0; k < 3; k++) v->lights[i].gain[k] = turns ? gain : 1;
     }
     p->exposure_ev = o->picture.exposure_ev + (float)v->value[TARGET_EXPOSURE];
-    p->camera.has_orbit = true;
     p->camera.azimuth_deg =
         o->picture.camera.azimuth_deg + (float)v->value[TARGET_CAMERA_AZIMUTH];
     p->camera.elevation_deg =

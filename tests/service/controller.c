@@ -362,6 +362,47 @@ static void powermate_turns_a_view(void **state)
     end_room();
 }
 
+// The hash of the picture once it is another one than `other`; with `same`, once it is that
+// one.
+static void expect_picture(const char *path, const char *other, const char *same, char hash[65])
+{
+    struct relight_error error;
+    uint64_t sent;
+    for (int i = 0; i < PATIENCE; i++) {
+        *hash = 0;
+        relight_upload_file(client, path, NULL, NULL, hash, &sent, &error);
+        if (*hash && (!other || strcmp(hash, other)) && (!same || !strcmp(hash, same))) return;
+        sleep_ms(20);
+    }
+    fail_msg("the picture does not %s", same ? "come back" : "change");
+}
+
+// A camera that no --orbit places is moved, too.
+static void camera_of_a_view(void **state)
+{
+    static const char text[] =
+        "{\"devices\": [{\"vendor\": \"1234\", \"product\": \"abcd\", \"map\": ["
+        "{\"control\": \"dial\", \"target\": \"camera.elevation\", \"scale\": 2.5}]}]}";
+    char picture[128], file[128], model[ID_SIZE], first[65], above[65];
+    begin(NULL);
+    client = client_open(d.address);
+    mock_begin(20);
+    bake_small(client, &d, model);
+    snprintf(picture, sizeof picture, "%s/view.png", d.folder);
+    snprintf(file, sizeof file, "%s/map.json", d.folder);
+    write_text(file, text);
+    struct mock_device *device = mock_plug(&knob);
+    start_control((const char *[]){model, "--env", "constant", "-o", picture, "--size", "64x48",
+                                   "--mapping", file, NULL});
+    expect_says("connected");
+    expect_picture(picture, NULL, NULL, first);
+    const uint8_t up[4] = {50};
+    mock_report(device, up, sizeof up); // by 125 degrees, to 90
+    expect_picture(picture, first, NULL, above);
+    assert_int_equal(end_control(NULL), 0);
+    end_room();
+}
+
 // Devices come and go while it runs; a room's daemon, too.
 static void hot_plug(void **state)
 {
@@ -632,6 +673,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_teardown(mapping_file, stop_all),
         cmocka_unit_test_teardown(others_turn_it_too, stop_all),
         cmocka_unit_test_teardown(powermate_turns_a_view, stop_all),
+        cmocka_unit_test_teardown(camera_of_a_view, stop_all),
         cmocka_unit_test_teardown(hot_plug, stop_all),
         cmocka_unit_test_teardown(devices_that_lie, stop_all),
         cmocka_unit_test_teardown(bad_reports, stop_all),
