@@ -44,9 +44,23 @@ static void apply_values(struct view *v)
     p->camera.elevation_deg =
         fmaxf(-90, fminf(90, o->picture.camera.elevation_deg +
                                  (float)v->value[TARGET_CAMERA_ELEVATION]));
-    float zoom = o->picture.camera.zoom > 0 ? o->picture.camera.zoom : 1;
-    zoom *= (float)exp2(v->value[TARGET_CAMERA_ZOOM]);
+    float zoom = o->picture.camera.zoom * (float)exp2(v->value[TARGET_CAMERA_ZOOM]);
     p->camera.zoom = fmaxf(.1f, fminf(100, zoom));
+}
+
+// Values end where the view's ends: the way back begins there.
+static double limited(const struct view *v, int value, double x)
+{
+    static const double most[N_VALUE] = {[TARGET_LIGHT_GAIN] = 12, [TARGET_EXPOSURE] = 20};
+    const struct relight_camera *begin = &v->control->options.picture.camera;
+    switch (value) {
+    case TARGET_CAMERA_ELEVATION:
+        return fmax(-90 - begin->elevation_deg, fmin(90 - begin->elevation_deg, x));
+    case TARGET_CAMERA_ZOOM:
+        return fmax(log2(.1 / begin->zoom), fmin(log2(100 / begin->zoom), x));
+    default:
+        return most[value] > 0 ? fmax(-most[value], fmin(most[value], x)) : remainder(x, 360);
+    }
 }
 
 // The values behind a change, and the names of the fields that differ.
@@ -58,13 +72,11 @@ static size_t change_values(struct view *v, const struct change *c, const char *
                                                [TARGET_CAMERA_AZIMUTH] = "picture.camera",
                                                [TARGET_CAMERA_ELEVATION] = "picture.camera",
                                                [TARGET_CAMERA_ZOOM] = "picture.camera"};
-    static const double most[N_VALUE] = {0, 12, 20, 0, 180, 7};
     size_t n = 0;
     for (int i = 0; i < N_VALUE; i++) {
         double x = c->reset ? 0 : v->value[i];
         if (c->has_position[i]) x = c->position[i];
-        x += c->delta[i];
-        x = most[i] > 0 ? fmax(-most[i], fmin(most[i], x)) : remainder(x, 360);
+        x = limited(v, i, x + c->delta[i]);
         bool same = x == v->value[i];
         v->value[i] = x;
         if (!same && (!n || strcmp(fields[n - 1], names[i]))) fields[n++] = names[i];

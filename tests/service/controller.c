@@ -377,13 +377,14 @@ static void expect_picture(const char *path, const char *other, const char *same
     fail_msg("the picture does not %s", same ? "come back" : "change");
 }
 
-// A camera that no --orbit places is moved, too.
+// A camera that no --orbit places is moved, too. Beyond 90 degrees it does not run on: the way
+// back begins there.
 static void camera_of_a_view(void **state)
 {
     static const char text[] =
         "{\"devices\": [{\"vendor\": \"1234\", \"product\": \"abcd\", \"map\": ["
         "{\"control\": \"dial\", \"target\": \"camera.elevation\", \"scale\": 2.5}]}]}";
-    char picture[128], file[128], model[ID_SIZE], first[65], above[65];
+    char picture[128], file[128], model[ID_SIZE], first[65], above[65], back[65];
     begin(NULL);
     client = client_open(d.address);
     mock_begin(20);
@@ -396,9 +397,11 @@ static void camera_of_a_view(void **state)
                                    "--mapping", file, NULL});
     expect_says("connected");
     expect_picture(picture, NULL, NULL, first);
-    const uint8_t up[4] = {50};
+    const uint8_t up[4] = {50}, down[4] = {(uint8_t)-30};
     mock_report(device, up, sizeof up); // by 125 degrees, to 90
     expect_picture(picture, first, NULL, above);
+    mock_report(device, down, sizeof down); // by 75, to 15
+    expect_picture(picture, above, first, back);
     assert_int_equal(end_control(NULL), 0);
     end_room();
 }
