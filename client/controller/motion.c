@@ -48,9 +48,16 @@ static void add(struct motion *m, enum target t, double amount)
     m->change.delta[t] += amount;
 }
 
+// A reset undoes the movements of the same request that came before it.
+static void reset(struct motion *m)
+{
+    const struct change was = m->change;
+    m->change = (struct change){.reset = true, .undo = was.undo, .redo = was.redo};
+}
+
 static void press(struct motion *m, const struct map_entry *e)
 {
-    if (e->target == TARGET_RESET) m->change.reset = true;
+    if (e->target == TARGET_RESET) reset(m);
     else if (e->target == TARGET_UNDO) m->change.undo = true;
     else if (e->target == TARGET_REDO) m->change.redo = true;
     else add(m, e->target, e->scale);

@@ -194,8 +194,9 @@ static void turn(struct motion *m, struct bound *b, const char *name, enum contr
 static void movements_are_summed(void **state)
 {
     struct sender s = {.lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
-    const struct device_map map = {.n_entry = 4,
-                                   .entry = {{"dial", TARGET_LIGHT_GAIN, .5, 0, 1},
+    const struct device_map map = {.n_entry = 5,
+                                   .entry = {{"reset", TARGET_RESET, 1, 0, 1},
+                                             {"dial", TARGET_LIGHT_GAIN, .5, 0, 1},
                                              {"slider", TARGET_LIGHT_GAIN, 4, .1, 1},
                                              {"turn", TARGET_LIGHT_AZIMUTH, -2, .5, 1},
                                              {"button", TARGET_UNDO, 1, 0, 1}}};
@@ -226,6 +227,18 @@ static void movements_are_summed(void **state)
     c = change_number(&s, 4);
     assert_true(c.position[TARGET_LIGHT_GAIN] == -1 && c.delta[TARGET_LIGHT_GAIN] == .5);
     assert_false(c.undo);
+    // A reset undoes the movements before it, not those after it.
+    hold_sender(&s, true);
+    turn(m, b, "turn", CONTROL_RELATIVE, 1);
+    change_number(&s, 5);
+    turn(m, b, "turn", CONTROL_RELATIVE, 5);
+    turn(m, b, "slider", CONTROL_POSITION, .9);
+    turn(m, b, "reset", CONTROL_BUTTON, 1);
+    turn(m, b, "turn", CONTROL_RELATIVE, 2);
+    hold_sender(&s, false);
+    c = change_number(&s, 6);
+    assert_true(c.reset && !c.has_position[TARGET_LIGHT_GAIN]);
+    assert_true(c.delta[TARGET_LIGHT_AZIMUTH] == -4);
     motion_unbind(m, b);
     motion_stop(m, NULL);
 }
