@@ -79,6 +79,8 @@ struct prt_context prt_draft_lenient(const struct prt_draft *d,
 // true when the options name this material or node as opaque
 bool prt_draft_opaque(struct prt_draft *d, const char *name);
 void prt_draft_finish(struct prt_draft *d);
+// name NULL: the file names no material
+#define PRT_UNNAMED_SURFACE "default"
 void prt_surface_default(struct prt_surface *s, const char *name);
 
 int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n);  // changes bytes

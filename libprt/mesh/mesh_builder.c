@@ -223,7 +223,7 @@ int prt_draft_image(struct prt_draft *d, const char *name, const void *bytes, si
 void prt_surface_default(struct prt_surface *s, const char *name)
 {
     memset(s, 0, sizeof *s);
-    strncpy(s->name, name ? name : "default", sizeof s->name - 1);
+    strncpy(s->name, name ? name : PRT_UNNAMED_SURFACE, sizeof s->name - 1);
     s->translucent = 1;
     for (int i = 0; i < 4; i++) s->base_color[i] = 1;
     s->roughness = 1;

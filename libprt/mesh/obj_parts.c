@@ -189,7 +189,7 @@ int prt_obj_parts_settle(struct prt_draft *d, struct obj_parts *parts)
     for (uint32_t i = 0; i < parts->n; i++) {
         struct obj_part *p = &parts->part[i];
         p->opaque = prt_draft_opaque(d, p->object);
-        p->opaque |= prt_draft_opaque(d, p->surface);
+        p->opaque |= prt_draft_opaque(d, *p->surface ? p->surface : PRT_UNNAMED_SURFACE);
     }
     if (parts->n > 1 && !parts->too_many) {
         of_vertex = malloc(d->n_vertex * sizeof *of_vertex);

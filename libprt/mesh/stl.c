@@ -148,7 +148,7 @@ int prt_read_stl(struct prt_draft *d, const char *bytes, size_t n)
     int status = binary ? read_binary(d, bytes, n) : read_text(&t);
     freelocale(t.c);
     prt_surface_default(&s, t.name[0] ? t.name : NULL);
-    s.translucent = !t.opaque;
+    s.translucent = !(t.opaque || prt_draft_opaque(d, s.name));
     if (!status) status = prt_draft_surface(d, &s, &index);
     if (!status) status = prt_draft_object(d, NULL);
     return status ? status

@@ -326,6 +326,30 @@ static void materials_decide(void **state)
     assert_non_null(strstr(lines, "nobody"));
 }
 
+// A surface that the file does not name is "default", for --opaque, too.
+static void unnamed_surfaces(void **state)
+{
+    static const char *const texts[] = {
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+        "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+        "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+        "endloop\nendfacet\nendsolid\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"};
+    static const char *const opaque[] = {"default", NULL};
+    const struct prt_mesh_options options = {.opaque = opaque};
+    for (int i = 0; i < 3; i++) {
+        struct prt_mesh *m = must_load(texts[i]);
+        assert_string_equal(m->surface[0].name, "default");
+        assert_int_equal(m->surface[0].translucent, 1);
+        prt_mesh_destroy(m);
+        int status = load_text(texts[i], &options, &m);
+        if (status) fail_msg("%.6s: status %d: %s", texts[i], status, lines);
+        assert_int_equal(m->surface[0].translucent, 0);
+        prt_mesh_destroy(m);
+    }
+}
+
 // Variants without a name, or with that of another, get one that no other has.
 static void variants_have_names_of_their_own(void **state)
 {
@@ -870,6 +894,7 @@ int main(void)
         cmocka_unit_test(ply_in_three_formats),
         cmocka_unit_test(ply_numbers),
         cmocka_unit_test(zero_has_one_place),
+        cmocka_unit_test(unnamed_surfaces),
         cmocka_unit_test(obj_faces_in_turns),
         cmocka_unit_test(scale_is_refused_or_done),
         cmocka_unit_test(colours_round_trip),
