@@ -155,10 +155,10 @@ static int write_picture(const struct tool *tool, const struct prt_image *image,
 
 // A lat-long image that keeps its size and is not turned keeps its pixels.
 static bool is_copy(const struct options *o, const struct prt_env *env,
-                    const struct layout *layout)
+                    const struct layout *layout, uint32_t width, uint32_t height)
 {
     return !layout && env->kind == PRT_ENV_LATLONG && !(fabs(o->rotate_deg) > 0) &&
-           o->width == env->latlong.width && o->height == env->latlong.height;
+           width == env->latlong.width && height == env->latlong.height;
 }
 
 // Every other conversion passes through a cube, which is the light that the engines use.
@@ -169,7 +169,7 @@ static int convert(const struct tool *tool, const struct prt_env *env,
     struct prt_cube cube = {0};
     uint32_t full = prt_env_full_cube(env), width = o->width ? o->width : 4 * full;
     uint32_t height = o->height ? o->height : (width + 1) / 2;
-    if (is_copy(o, env, layout)) {
+    if (is_copy(o, env, layout, width, height)) {
         size_t n_value = (size_t)width * height * 3;
         *out = (struct prt_image){width, height, prt_alloc(n_value, sizeof(float))};
         if (!out->rgb) return prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the image");

@@ -342,6 +342,13 @@ for layout in hcross vcross vstrip hstrip; do
     check grep -q '"layout":"cube"' out
 done
 expect 2 'attribute of OpenEXR' "$prt" env cube.exr --layout envmap -o x.png
+# Without --size a lat-long image keeps its size, and then its pixels.
+expect 0 '' python3 -c '
+rows = b"".join(bytes((37 * x * x + 91 * y * y) % 200 + 50 if c < 3 else 128 for c in range(4))
+                for y in range(32) for x in range(64))
+open("rough.hdr", "wb").write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + rows)'
+expect 0 '' "$prt" env rough.hdr --layout latlong -o same.exr --float
+expect 0 '' "$prt" compare same.exr rough.hdr --max-rmse 1e-6
 
 # Damaged and foreign files fail with a line and leave nothing behind.
 head -c 500 ball.prt >cut.prt
