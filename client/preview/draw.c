@@ -120,6 +120,27 @@ static int shade(struct drawing *d, struct prt_image *out)
                : EXIT_DONE;
 }
 
+static void print_json(cJSON *json)
+{
+    char *text = cJSON_PrintUnformatted(json);
+    if (text) puts(text);
+    free(text);
+    cJSON_Delete(json);
+}
+
+void print_written(const struct options *o, const char *path, uint32_t width, uint32_t height)
+{
+    if (!o->json) {
+        printf("%s: %u x %u\n", path, width, height);
+        return;
+    }
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, "file", path);
+    cJSON_AddNumberToObject(json, "width", width);
+    cJSON_AddNumberToObject(json, "height", height);
+    print_json(json);
+}
+
 static int save(struct scene *scene, const char *path, const struct prt_image *image)
 {
     const struct options *o = scene->options;
@@ -131,16 +152,7 @@ static int save(struct scene *scene, const char *path, const struct prt_image *i
     int status = prt_write_file(&scene->ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     if (status) return EXIT_FAILED;
-    if (scene->options->json) {
-        cJSON *json = cJSON_CreateObject();
-        cJSON_AddStringToObject(json, "file", path);
-        cJSON_AddNumberToObject(json, "width", image->width);
-        cJSON_AddNumberToObject(json, "height", image->height);
-        char *text = cJSON_PrintUnformatted(json);
-        if (text) puts(text);
-        free(text);
-        cJSON_Delete(json);
-    } else printf("%s: %u x %u\n", path, image->width, image->height);
+    print_written(o, path, image->width, image->height);
     return EXIT_DONE;
 }
 
@@ -258,11 +270,15 @@ static int save_difference(struct drawing *d)
     if (map) png = encode_png(map, w, h, &bytes);
     int status =
         png && !prt_write_file(&d->scene->ctx, o->output, png, bytes) ? EXIT_DONE : EXIT_FAILED;
-    if (!status && o->json)
-        printf(
-            "{\"file\":\"%s\",\"mean\":%.4g,\"p95\":%.4g,\"most\":%.4g,\"noticeable\":%.4g}\n",
-            o->output, found.mean, found.p95, found.most, found.noticeable);
-    else if (!status)
+    if (!status && o->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", o->output);
+        cJSON_AddNumberToObject(json, "mean", found.mean);
+        cJSON_AddNumberToObject(json, "p95", found.p95);
+        cJSON_AddNumberToObject(json, "most", found.most);
+        cJSON_AddNumberToObject(json, "noticeable", found.noticeable);
+        print_json(json);
+    } else if (!status)
         printf("%s: CIEDE2000 mean %.2f, 95 %% below %.2f, most %.2f; %.1f %% of the pixels "
                "differ by more than 1\n",
                o->output, found.mean, found.p95, found.most, 100 * found.noticeable);

@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 
 struct follow {
@@ -171,8 +172,8 @@ static enum relight_image_format format_of(const struct options *o)
 {
     const char *dot = strrchr(o->output, '.');
     if (video_is_name(o->output)) return RELIGHT_IMAGE_RGB8;
-    if (!strcmp(dot, ".exr")) return RELIGHT_IMAGE_EXR;
-    return strcmp(dot, ".png") ? RELIGHT_IMAGE_JPEG : RELIGHT_IMAGE_PNG;
+    if (!strcasecmp(dot, ".exr")) return RELIGHT_IMAGE_EXR;
+    return strcasecmp(dot, ".png") ? RELIGHT_IMAGE_JPEG : RELIGHT_IMAGE_PNG;
 }
 
 static int keep(const struct options *o, uint32_t frame, const struct relight_image *image,
@@ -191,10 +192,7 @@ static int keep(const struct options *o, uint32_t frame, const struct relight_im
         perror(NULL);
         return EXIT_FAILED;
     }
-    if (o->json)
-        printf("{\"file\": \"%s\", \"width\": %u, \"height\": %u}\n", path, image->width,
-               image->height);
-    else printf("%s: %u x %u\n", path, image->width, image->height);
+    print_written(o, path, image->width, image->height);
     fflush(stdout);
     return EXIT_DONE;
 }

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
@@ -213,7 +214,8 @@ static void check_follow(struct argp_state *state, const struct options *o)
     if (o->sheet || o->difference || o->turn_light)
         argp_error(state, "--follow: no --sheet, --difference or --turn");
     const char *dot = o->output ? strrchr(o->output, '.') : NULL;
-    if (dot && !strcmp(dot, ".hdr")) argp_error(state, "--follow: the daemon writes no .hdr");
+    if (dot && !strcasecmp(dot, ".hdr"))
+        argp_error(state, "--follow: the daemon writes no .hdr");
 }
 
 static error_t parse(int key, char *arg, struct argp_state *state)

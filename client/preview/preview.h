@@ -96,5 +96,8 @@ static inline uint32_t options_columns(const struct options *o)
 int draw_all(struct scene *scene);
 
 int report(const struct relight_error *error);
+/* Prints a line for a file that was written. */
+void print_written(const struct options *options, const char *path, uint32_t width,
+                   uint32_t height);
 
 #endif

@@ -106,6 +106,14 @@ follow Variants -o variant.png --frames 1
 wait "$preview" || fail "status $?: $(cat errors)"
 same variant-0001.png day.png
 
+# ---- an ending in capitals; a name that JSON escapes
+follow 'First review' -o capital.EXR --frames 1
+wait "$preview" || fail "status $?: $(cat errors)"
+[ "$(head -c 4 capital-0001.EXR | od -An -tx1)" = ' 76 2f 31 01' ] || fail "capital-0001.EXR is no EXR"
+follow 'First review' -o 'a "name".png' --frames 1 --json
+wait "$preview" || fail "status $?: $(cat errors)"
+python3 -c 'import json; assert json.load(open("followed"))["file"] == "a \"name\"-0001.png"' || fail "$(cat followed)"
+
 # ---- a film; wrong words
 # Frames on their way to ffmpeg, counted by a program of its name.
 mkdir fake
@@ -124,6 +132,7 @@ wrong 1 'no such room' --follow nowhere -o x.png
 wrong 2 'the room has the model' --follow 'First review' --env constant -o x.png
 wrong 2 'no --sheet' --follow 'First review' --sheet -o x.png
 wrong 2 'writes no .hdr' --follow 'First review' -o x.hdr
+wrong 2 'writes no .hdr' --follow 'First review' -o x.HDR
 wrong 2 'ID is missing' -o x.png
 preview=
 kill -TERM "$daemon"
