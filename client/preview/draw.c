@@ -294,7 +294,7 @@ static int finish_output(struct drawing *d, int status)
     if (d->video) {
         int closed = video_close(d->video);
         if (!status) status = closed;
-        if (!status) printf("%s: %u x %u\n", o->output, o->width, o->height);
+        if (!status) print_written(o, o->output, o->width, o->height);
     }
     if (!status && o->sheet) status = save(d->scene, o->output, &d->canvas);
     if (!status && o->difference) status = save_difference(d);

@@ -197,7 +197,7 @@ static void check_output(struct argp_state *state, const struct options *o)
     if (!o->difference) return;
     if (o->sheet || o->n_env * options_columns(o) != 2)
         argp_error(state, "--difference: of two pictures, two --env or two --try");
-    if (!strstr(o->output, ".png") || o->transparent)
+    if (format != prt_picture_format(".png") || o->transparent)
         argp_error(state, "--difference: -o FILE has to end in .png, with a background");
 }
 

@@ -58,7 +58,12 @@ static int start(struct video *v, int from, uint32_t width, uint32_t height, dou
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, from, STDIN_FILENO);
-    int err = posix_spawnp(&v->pid, "ffmpeg", &actions, NULL, argv, environ);
+    // Ctrl-C goes to the terminal's group: ffmpeg would end before the last frames.
+    posix_spawnattr_t own_group;
+    posix_spawnattr_init(&own_group);
+    posix_spawnattr_setflags(&own_group, POSIX_SPAWN_SETPGROUP);
+    int err = posix_spawnp(&v->pid, "ffmpeg", &actions, &own_group, argv, environ);
+    posix_spawnattr_destroy(&own_group);
     posix_spawn_file_actions_destroy(&actions);
     return err;
 }

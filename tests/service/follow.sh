@@ -122,6 +122,24 @@ chmod +x fake/ffmpeg
 PATH=$dir/fake:$PATH follow 'First review' -o live.mp4 --frames 1
 wait "$preview" || fail "status $?: $(cat errors)"
 [ "$(cat counted)" = $((96 * 64 * 3)) ] || fail "a film of $(cat counted) bytes"
+# Ctrl-C reaches every program of the terminal's group, and ends the film, not ffmpeg.
+cat >fake/ffmpeg <<'END'
+#!/bin/sh
+trap 'exit 255' INT
+head -c 4096 >/dev/null && : >begun
+wc -c >counted
+END
+python3 - "$bin/relight-preview" -s "unix:$dir/s" --size 96x64 --follow 'First review' -o live.mp4 <<'END' || fail "Ctrl-C ends no film"
+import os, signal, subprocess, sys, time
+os.environ['PATH'] = os.path.abspath('fake') + ':' + os.environ['PATH']
+preview = subprocess.Popen(sys.argv[1:], start_new_session=True)
+for _ in range(1200):
+    if os.path.exists('begun') or preview.poll() is not None:
+        break
+    time.sleep(.05)
+os.killpg(preview.pid, signal.SIGINT)
+sys.exit(preview.wait(60))
+END
 wrong() { # STATUS TEXT ARGUMENTS...
     local want=$1 text=$2
     shift 2
@@ -134,6 +152,8 @@ wrong 2 'no --sheet' --follow 'First review' --sheet -o x.png
 wrong 2 'writes no .hdr' --follow 'First review' -o x.hdr
 wrong 2 'writes no .hdr' --follow 'First review' -o x.HDR
 wrong 2 'ID is missing' -o x.png
+wrong 2 'has to end in .png' nothing --env constant --env constant --difference -o x.png.jpg
+wrong 1 'nothing' nothing --env constant --env constant --difference -o X.PNG
 preview=
 kill -TERM "$daemon"
 wait "$daemon" || fail "status $? of the daemon"
