@@ -37,7 +37,8 @@ void option_size(struct argp_state *state, const char *text, uint32_t *width, ui
 {
     enum { MOST = 4096 };
     int used = 0;
-    if (sscanf(text, "%ux%u%n", width, height, &used) != 2 || text[used] || *width < 1 ||
+    // Four digits at most: %u alone takes a longer number modulo 2^32.
+    if (sscanf(text, "%4ux%4u%n", width, height, &used) != 2 || text[used] || *width < 1 ||
         *height < 1 || *width > MOST || *height > MOST || strchr(text, '-')) // %u takes -1
         argp_error(state, "--size %s: expected WxH, each in [1, %d]", text, MOST);
 }
