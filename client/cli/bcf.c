@@ -51,7 +51,8 @@ static void put_title(FILE *out, const char *text)
 {
     char line[120];
     size_t n = strcspn(text, "\n");
-    snprintf(line, sizeof line, "%.*s", n < sizeof line ? (int)n : (int)sizeof line - 1, text);
+    if (n >= sizeof line) n = whole_characters(text, sizeof line - 1);
+    snprintf(line, sizeof line, "%.*s", (int)n, text);
     put_element(out, "Title", *line ? line : "(erased)");
 }
 

@@ -73,6 +73,8 @@ struct escaped {
 };
 struct escaped escape(const char *text);
 void print_text(FILE *file, const char *text);
+/* The length of a text, at most `most` bytes, without part of a character at its end. */
+size_t whole_characters(const char *text, size_t most);
 void print_json(cJSON *json); /* one line on stdout; deletes it */
 /* Numbers with the digits that a float has. */
 void add_float(cJSON *json, const char *key, double x);

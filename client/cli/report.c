@@ -88,6 +88,14 @@ void print_text(FILE *file, const char *text)
     }
 }
 
+size_t whole_characters(const char *text, size_t most)
+{
+    size_t n = strnlen(text, most + 1);
+    if (n <= most) return n;
+    for (n = most; n && ((unsigned char)text[n] & 0xc0) == 0x80;) n--;
+    return n;
+}
+
 void print_json(cJSON *json)
 {
     char *text = cJSON_PrintUnformatted(json);

@@ -199,7 +199,10 @@ static cJSON *note_text(const cJSON *author, const cJSON *date, const char *text
 {
     char all[8192];
     const char *a = cJSON_GetStringValue(author), *d = cJSON_GetStringValue(date);
-    snprintf(all, sizeof all, "%.7000s\n(%.64s, %.32s)", text, a ? a : "?", d ? d : "?");
+    if (!a) a = "?";
+    if (!d) d = "?";
+    snprintf(all, sizeof all, "%.*s\n(%.*s, %.*s)", (int)whole_characters(text, 7000), text,
+             (int)whole_characters(a, 64), a, (int)whole_characters(d, 32), d);
     return cJSON_CreateString(all);
 }
 

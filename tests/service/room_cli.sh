@@ -350,6 +350,12 @@ expect 0 room create empty
 expect 2 room import empty foreign.bcf && says 'no model to place pins on'
 head -c 3000 export/pins.bcf >cut.bcf
 expect 1 room import copy cut.bcf && says 'zip'
+# A title that is too long ends with a whole character.
+expect 0 room create umlauts --model small --env constant:1,1,1 --size 96x64
+expect 0 room pin umlauts "$(printf 'ä%.0s' $(seq 100))" --at 0,2,0.3,0.2
+expect 0 room export umlauts -o umlauts
+expect 0 room import copy umlauts/pins.bcf
+says '1 pins'
 if [ -n "$only" ]; then
     for file in export second; do
         mkdir "u-$file" && (cd "u-$file" && unzip -q "../$file/pins.bcf") || fail "unzip $file/pins.bcf"
