@@ -132,7 +132,8 @@ static void print_room(const cJSON *state, const struct room_now *now)
 
 static int save_picture(struct room_call *c, uint64_t pin)
 {
-    const struct options *o = c->options;
+    struct options *o = c->options;
+    fit_terminal(o);
     struct relight_room_view view = {.pin = pin,
                                      .decision = o->decision,
                                      .revision = o->revision,
@@ -146,8 +147,10 @@ static int save_picture(struct room_call *c, uint64_t pin)
         view.format = RELIGHT_IMAGE_JPEG; // stands for PNG16, which was seen
     if (relight_room_picture(c->client, c->room, &view, &image, &c->error))
         return room_failed(c);
-    int status = write_file(o, o->output, image.data, image.n_byte);
-    if (!status && !o->json)
+    const bool terminal = is_terminal_path(o->output);
+    int status = terminal ? draw_in_terminal(o, &image)
+                          : write_file(o, o->output, image.data, image.n_byte);
+    if (!status && !terminal && !o->json)
         printf("%s: %ux%u, %s\n", o->output, image.width, image.height,
                relight_engine_name(image.cost.engine));
     relight_image_finish(&image);

@@ -356,6 +356,10 @@ expect 0 room pin umlauts "$(printf 'ä%.0s' $(seq 100))" --at 0,2,0.3,0.2
 expect 0 room export umlauts -o umlauts
 expect 0 room import copy umlauts/pins.bcf
 says '1 pins'
+# A picture of a room in the terminal.
+expect 0 room show umlauts -o - --size 8x4
+[ ! -e - ] || fail "a file whose name is -"
+grep -q "$(printf '\033')" out || fail "no picture in the terminal"
 if [ -n "$only" ]; then
     for file in export second; do
         mkdir "u-$file" && (cd "u-$file" && unzip -q "../$file/pins.bcf") || fail "unzip $file/pins.bcf"
