@@ -21,16 +21,21 @@ int hook_target_parse(const char *url, struct hook_target *out, char fault[256])
     const char *at = url + sizeof scheme - 1;
     *out = (struct hook_target){.port = "443"};
     bool good = !strncmp(url, scheme, sizeof scheme - 1);
-    size_t n = good ? strcspn(at, ":/") : 0;
-    if (good && *at == '[') n = strcspn(at, "]") + 1; // IPv6
-    good = good && n && n < sizeof out->host && !strpbrk(url, " \t\r\n#@");
-    if (good) snprintf(out->host, sizeof out->host, "%.*s", (int)n, at);
-    if (good && *(at += n) == ':') {
-        n = strspn(at + 1, "0123456789");
+    const bool six = good && *at == '['; // IPv6
+    const char *host = at + six;
+    size_t n = good ? strcspn(host, six ? "]" : ":/") : 0;
+    good = good && n && n < sizeof out->host && !strpbrk(url, " \t\r\n#@") &&
+           (!six || host[n] == ']');
+    if (good) snprintf(out->host, sizeof out->host, "%.*s", (int)n, host);
+    const char *end = good ? host + n + six : at;
+    if (good && *end == ':') {
+        n = strspn(end + 1, "0123456789");
         good = n && n < 6;
-        snprintf(out->port, sizeof out->port, "%.*s", (int)n, at + 1);
-        at += n + 1;
+        snprintf(out->port, sizeof out->port, "%.*s", (int)n, end + 1);
+        end += n + 1;
     }
+    snprintf(out->authority, sizeof out->authority, "%.*s", (int)(end - at), at);
+    at = end;
     good = good && (!*at || *at == '/') && strlen(at) < sizeof out->path;
     if (good) snprintf(out->path, sizeof out->path, "%s", *at ? at : "/");
     if (!good) {
@@ -71,10 +76,7 @@ static int connect_one(const struct addrinfo *a, char fault[160])
 static int connect_any(const struct hook_target *t, char fault[160])
 {
     struct addrinfo hints = {.ai_socktype = SOCK_STREAM}, *all;
-    char host[256];
-    bool six = t->host[0] == '[';
-    snprintf(host, sizeof host, "%.*s", (int)strlen(t->host) - (six ? 2 : 0), t->host + six);
-    int status = getaddrinfo(host, t->port, &hints, &all), fd = -1;
+    int status = getaddrinfo(t->host, t->port, &hints, &all), fd = -1;
     if (status) {
         snprintf(fault, 160, "%.80s: %s", t->host, gai_strerror(status));
         return -1;
@@ -88,9 +90,8 @@ static int connect_any(const struct hook_target *t, char fault[160])
 static bool shake_hands(const struct hook_target *t, SSL *tls, int fd, char fault[160])
 {
     SSL_set_hostflags(tls, X509_CHECK_FLAG_NO_PARTIAL_WILDCARDS);
-    SSL_set_tlsext_host_name(tls, t->host);
-    X509_VERIFY_PARAM *param = SSL_get0_param(tls);
-    bool named = X509_VERIFY_PARAM_set1_ip_asc(param, t->host) || SSL_set1_host(tls, t->host);
+    bool named = X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), t->host);
+    if (!named) named = SSL_set1_host(tls, t->host) && SSL_set_tlsext_host_name(tls, t->host);
     if (named && SSL_set_fd(tls, fd) && SSL_connect(tls) == 1) return true;
     long why = SSL_get_verify_result(tls);
     snprintf(fault, 160, "TLS: %s",
@@ -114,7 +115,7 @@ static enum hook_result exchange(const struct hook_target *t, SSL *tls, const ch
         head, sizeof head,
         "POST %s HTTP/1.1\r\nHost: %s\r\nUser-Agent: relightd/" RELIGHT_VERSION
         "\r\nContent-Type: application/json\r\nContent-Length: %zu\r\n%sConnection: close\r\n\r\n",
-        t->path, t->host, strlen(body), headers);
+        t->path, t->authority, strlen(body), headers);
     snprintf(fault, 160, "no answer");
     if (!send_all(tls, head) || !send_all(tls, body)) return HOOK_LATER;
     while (n < 12 && SSL_read_ex(tls, answer + n, sizeof answer - 1 - n, &more) == 1) n += more;

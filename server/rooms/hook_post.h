@@ -9,7 +9,9 @@
 #include <stdbool.h>
 
 struct hook_target {
-    char host[256], port[8], path[1024];
+    char host[256], port[8]; /* an IPv6 address without its brackets */
+    char authority[272];     /* host and port as the URL has them */
+    char path[1024];
     SSL_CTX *tls; /* certificates of the system's store, or of SSL_CERT_FILE */
 };
 /* "https://HOST[:PORT][/PATH]". 0, or -1 with the fault's text. */

@@ -9,6 +9,7 @@ import json
 import os
 import queue
 import shutil
+import socket
 import ssl
 import subprocess
 import sys
@@ -43,10 +44,25 @@ class Hook(http.server.BaseHTTPRequestHandler):
         pass
 
 
+class Server6(http.server.ThreadingHTTPServer):
+    address_family = socket.AF_INET6
+
+
+def serve(kind, address, cert, key):
+    """The server's port."""
+    server = kind((address, 0), Hook)
+    server.handle_error = lambda *_: None  # handshakes that the daemon breaks off
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(cert, key)
+    server.socket = context.wrap_socket(server.socket, server_side=True, do_handshake_on_connect=False)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return server.server_address[1]
+
+
 class Daemon:
     started = []
 
-    def __init__(self, folder, port, trusted):
+    def __init__(self, folder, target, trusted):
         self.folder, self.log = folder, os.path.join(folder, 'log')
         with open(os.path.join(folder, 'key'), 'w', encoding='utf-8') as f:
             f.write(KEY + '\n')
@@ -54,7 +70,7 @@ class Daemon:
         with open(self.log, 'w', encoding='utf-8') as log:
             self.process = subprocess.Popen(
                 [BIN + '/relightd', '--data', folder + '/data', '--models', folder, '--listen', 'unix:' + folder + '/s',
-                 '--room-hook', 'https://localhost:%d/relight?x=1' % port, '--room-hook-key', folder + '/key'],
+                 '--room-hook', 'https://%s/relight?x=1' % target, '--room-hook-key', folder + '/key'],
                 stderr=log, env=env)
         self.started.append(self.process)
         self.wait(' start version')
@@ -96,25 +112,21 @@ def main():
         cert, key = folder + '/cert.pem', folder + '/tls.pem'
         subprocess.run(['openssl', 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256', '-nodes',
                         '-keyout', key, '-out', cert, '-days', '2', '-subj', '/CN=localhost', '-addext',
-                        'subjectAltName=DNS:localhost'], check=True, capture_output=True)
+                        'subjectAltName=DNS:localhost,IP:::1'], check=True, capture_output=True)
         with open(folder + '/small.obj', 'w', encoding='utf-8') as f:
             f.write('v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\nf 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\n'
                     'f 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n')
-        server = http.server.ThreadingHTTPServer(('127.0.0.1', 0), Hook)
-        server.handle_error = lambda *_: None  # handshakes that the daemon breaks off
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(cert, key)
-        server.socket = context.wrap_socket(server.socket, server_side=True, do_handshake_on_connect=False)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        port = server.server_address[1]
+        target = 'localhost:%d' % serve(http.server.ThreadingHTTPServer, '127.0.0.1', cert, key)
 
-        d = Daemon(folder, port, cert)
+        d = Daemon(folder, target, cert)
         d.relight('load', 'small.obj', '--remote', '--size-mm', '20', '--material', 'marble', '--preview')
         model = json.loads(d.relight('info', 'small', '--json'))['model']
         review(d, 'first')
         for kind in ('pin', 'decision'):
             path, headers, body = Hook.got.get(timeout=20)
             told = json.loads(body)
+            if headers['Host'] != target:
+                fail('Host: %s, not %s' % (headers['Host'], target))
             if path != '/relight?x=1' or headers['X-Relight-Event'] != kind or told['event'] != kind:
                 fail('%s: %s %s' % (kind, path, told))
             if told['room_name'] != 'first' or told.get('text', told.get('note')) not in ('too "red"', 'fine'):
@@ -130,13 +142,20 @@ def main():
 
         # Nobody whom this daemon trusts has signed the server's certificate.
         open(folder + '/none.pem', 'w', encoding='utf-8').close()
-        d = Daemon(folder, port, folder + '/none.pem')
+        d = Daemon(folder, target, folder + '/none.pem')
         review(d, 'second')
         time.sleep(1)
         d.stop()
         if not Hook.got.empty():
             fail('a server without a right certificate got %s' % Hook.got.get()[2])
-        for url in ('http://localhost/', 'https://', 'https://a b/', 'https://a:99999999/', 'https://a@b/'):
+        if socket.has_ipv6 and os.path.exists('/proc/net/if_inet6'):
+            d = Daemon(folder, '[::1]:%d' % serve(Server6, '::1', cert, key), cert)
+            review(d, 'third')
+            if json.loads(Hook.got.get(timeout=20)[2])['room_name'] != 'third':
+                fail('a server at an IPv6 address got something else')
+            d.stop()
+        for url in ('http://localhost/', 'https://', 'https://a b/', 'https://a:99999999/', 'https://a@b/', 'https://[::1/',
+                    'https://[]/', 'https://[::1]x/'):
             done = subprocess.run([BIN + '/relightd', '--data', folder + '/other', '--listen', 'unix:' + folder + '/o',
                                    '--room-hook', url, '--room-hook-key', folder + '/key'],
                                   capture_output=True, text=True, timeout=30, check=False)
