@@ -116,6 +116,8 @@ int run_cancel(struct relight_client *client, struct options *options);
 int run_env(struct relight_client *client, struct options *options);
 int run_colors(struct relight_client *client, struct options *options);
 int run_image(struct relight_client *client, struct options *options);
+/* Writes a picture to -o, or draws it in the terminal, and tells of it, with --json as JSON. */
+int put_picture(const struct options *options, const struct relight_image *image);
 int run_edit(struct relight_client *client, struct options *options);
 int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);

@@ -188,6 +188,33 @@ int run_colors(struct relight_client *client, struct options *o)
     return status;
 }
 
+int put_picture(const struct options *o, const struct relight_image *image)
+{
+    const bool terminal = is_terminal_path(o->output);
+    int status = terminal ? draw_in_terminal(o, image)
+                          : write_file(o, o->output, image->data, image->n_byte);
+    if (!status && o->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", o->output);
+        cJSON_AddNumberToObject(json, "width", image->width);
+        cJSON_AddNumberToObject(json, "height", image->height);
+        if (image->camera.set) {
+            cJSON *camera = cJSON_AddObjectToObject(json, "camera");
+            add_floats(camera, "eye", image->camera.eye);
+            add_floats(camera, "target", image->camera.target);
+            add_floats(camera, "up", image->camera.up);
+            add_float(camera, "fovy_deg", image->camera.fovy_deg);
+        }
+        add_cost(json, &image->cost);
+        print_json(json);
+    } else if (!status && !terminal && strcmp(o->output, "/dev/stdout")) {
+        char what[40];
+        snprintf(what, sizeof what, "%u x %u", image->width, image->height);
+        print_cost(what, o->output, &image->cost);
+    }
+    return status;
+}
+
 int run_image(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
@@ -207,28 +234,7 @@ int run_image(struct relight_client *client, struct options *o)
                                             .pose = o->pose,
                                             .priority = o->priority};
     if (relight_image(client, &request, &image, &error)) return report_error(o, &error);
-    const bool terminal = is_terminal_path(o->output);
-    status = terminal ? draw_in_terminal(o, &image)
-                      : write_file(o, o->output, image.data, image.n_byte);
-    if (!status && o->json) {
-        cJSON *json = cJSON_CreateObject();
-        cJSON_AddStringToObject(json, "file", o->output);
-        cJSON_AddNumberToObject(json, "width", image.width);
-        cJSON_AddNumberToObject(json, "height", image.height);
-        if (image.camera.set) {
-            cJSON *camera = cJSON_AddObjectToObject(json, "camera");
-            add_floats(camera, "eye", image.camera.eye);
-            add_floats(camera, "target", image.camera.target);
-            add_floats(camera, "up", image.camera.up);
-            add_float(camera, "fovy_deg", image.camera.fovy_deg);
-        }
-        add_cost(json, &image.cost);
-        print_json(json);
-    } else if (!status && !terminal && strcmp(o->output, "/dev/stdout")) {
-        char what[40];
-        snprintf(what, sizeof what, "%u x %u", image.width, image.height);
-        print_cost(what, o->output, &image.cost);
-    }
+    status = put_picture(o, &image);
     relight_image_finish(&image);
     return status;
 }

@@ -128,7 +128,14 @@ static int backup(struct room_call *c)
                             &c->error))
         return room_failed(c);
     progress_clear();
-    printf("%s: %llu bytes\n", c->options->output, (unsigned long long)size);
+    if (c->options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", c->options->output);
+        cJSON_AddNumberToObject(json, "bytes", (double)size);
+        print_json(json);
+    } else {
+        printf("%s: %llu bytes\n", c->options->output, (unsigned long long)size);
+    }
     return EXIT_DONE;
 }
 

@@ -147,12 +147,7 @@ static int save_picture(struct room_call *c, uint64_t pin)
         view.format = RELIGHT_IMAGE_JPEG; // stands for PNG16, which was seen
     if (relight_room_picture(c->client, c->room, &view, &image, &c->error))
         return room_failed(c);
-    const bool terminal = is_terminal_path(o->output);
-    int status = terminal ? draw_in_terminal(o, &image)
-                          : write_file(o, o->output, image.data, image.n_byte);
-    if (!status && !terminal && !o->json)
-        printf("%s: %ux%u, %s\n", o->output, image.width, image.height,
-               relight_engine_name(image.cost.engine));
+    int status = put_picture(o, &image);
     relight_image_finish(&image);
     return status;
 }

@@ -258,9 +258,12 @@ END
         fail "the media of objects: $(cat media/material*.json)"
     # ---- the same bytes over a restart, and from a copy of the store
     expect 0 room backup -o copy.sqlite
+    expect 0 room backup -o copy.sqlite --json
+    says "\"bytes\":$(stat -c %s copy.sqlite)"
     kill -KILL $daemon && wait $daemon 2>/dev/null
     start --rooms "sqlite:$dir/copy.sqlite"
-    expect 0 room show "$room" 2 -o again.png
+    expect 0 room show "$room" 2 -o again.png --json
+    says '"file":"again.png","width":'
     cmp first.png again.png || fail "the picture of a pin differs after a restart"
     # On another instruction set it is the same to the eye.
     for isa in c avx2; do
