@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The daemon's events, and uploads that come back.
 #include "internal.h"
+#include "new_file.h"
 
 #include <errno.h>
 #include <math.h>
@@ -132,29 +133,27 @@ int relight_download(struct relight_client *client, const char *hash, const char
     struct relight_sha256 sha;
     uint64_t total = UINT64_MAX;
     char hex[65];
-    int status = 0;
+    struct new_file file;
     if (!strncmp(hash, "env:", 4)) hash += 4;
     if (!relight_hash_valid(hash))
         return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%.80s: not 64 hex digits", hash);
-    FILE *file = fopen(path, "wb");
-    if (!file) return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
+    int status = relight_new_file(&file, path, error);
+    if (status) return status;
     relight_sha256_init(&sha);
     m.hash = relight_text(hash);
     double begin_s = relight_now_s();
     while (!status && m.offset < total) {
-        status = fetch(client, &m, file, &sha, &total, error);
+        status = fetch(client, &m, file.file, &sha, &total, error);
         double share = total ? (double)m.offset / (double)total : 1;
         struct relight_progress progress = {"download", share, -1, relight_now_s() - begin_s,
                                             RELIGHT_JOB_RUNNING};
         if (!status && fn && fn(user, &progress))
             status = relight_fail(error, RELIGHT_E_CANCELLED, "", "stopped");
     }
-    if (fclose(file) && !status)
-        status = relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
     relight_sha256_hex(&sha, hex);
     if (!status && strcmp(hex, hash))
         status = relight_fail(error, RELIGHT_E_HASH, "", "%.12s: the bytes are damaged", hash);
-    if (status) unlink(path);
-    else if (size) *size = total;
+    status = relight_new_file_end(&file, status, error);
+    if (!status && size) *size = total;
     return status;
 }

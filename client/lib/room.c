@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Review rooms: scenes, actions and states as JSON texts with the fields of relight.proto.
 #include "internal.h"
+#include "new_file.h"
 
 #include "message_text.h"
 
@@ -290,15 +291,12 @@ int relight_room_backup(struct relight_client *client, const char *path, relight
                         void *user, uint64_t *size, struct relight_error *error)
 {
     uint64_t total = 0;
-    FILE *file = fopen(path, "wbe");
-    if (!file) return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
-    int status = copy(client, file, fn, user, &total, error);
-    bool bad = !status && (fflush(file) || fsync(fileno(file)));
-    if (fclose(file) || bad)
-        if (!status)
-            status = relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
-    if (status) unlink(path);
-    else if (size) *size = total;
+    struct new_file file;
+    int status = relight_new_file(&file, path, error);
+    if (status) return status;
+    status = copy(client, file.file, fn, user, &total, error);
+    status = relight_new_file_end(&file, status, error);
+    if (!status && size) *size = total;
     return status;
 }
 

@@ -159,11 +159,17 @@ static void uploads_come_back(void **state)
         daemon_start(&d, NULL);
         a = client_open(d.address);
     }
-    unlink(path);
     memset(hash, 'a', 64);
     expect(relight_download(a, hash, path, NULL, NULL, NULL, &error), RELIGHT_E_NOT_FOUND,
            &error, "no such upload");
-    assert_int_not_equal(access(path, F_OK), 0);
+    char *stays = read_text(path);
+    assert_memory_equal(stays, hdr, sizeof hdr - 1);
+    free(stays);
+    unlink(path);
+    expect(relight_download(a, hash, path, NULL, NULL, NULL, &error), RELIGHT_E_NOT_FOUND,
+           &error, "no such upload");
+    snprintf(text, sizeof text, "ls %s | grep back", d.folder); // nor is a part of it there
+    assert_int_not_equal(system(text), 0);
     relight_close(a);
     // The command.
     snprintf(text, sizeof text, "%s -s %s download %s -o %s > /dev/null",

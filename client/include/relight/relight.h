@@ -193,11 +193,11 @@ struct relight_progress {
 typedef int (*relight_progress_fn)(void *user, const struct relight_progress *progress);
 
 /* Fetches an upload back, as a file.
- * hash: 64 hex digits, or "env:HASH". path: written anew; removed again when that fails.
- * fn: called between pieces, may be NULL.
- * Returns 0 and the number of bytes in *size (NULL is allowed). -RELIGHT_E_NOT_FOUND: this
- * client did not upload it, or it was dropped. -RELIGHT_E_FILE. -RELIGHT_E_HASH: the bytes are
- * damaged. Thread-safety: Safe. Blocks until all of it is here. */
+ * hash: 64 hex digits, or "env:HASH". path: a file of that name is replaced; on an error it
+ * stays. fn: called between pieces, may be NULL. Returns 0 and the number of bytes in *size
+ * (NULL is allowed). -RELIGHT_E_NOT_FOUND: this client did not upload it, or it was dropped.
+ * -RELIGHT_E_FILE. -RELIGHT_E_HASH: the bytes are damaged. Thread-safety: Safe. Blocks until
+ * all of it is here. */
 int relight_download(struct relight_client *client, const char *hash, const char *path,
                      relight_progress_fn fn, void *user, uint64_t *size,
                      struct relight_error *error);
@@ -1348,7 +1348,7 @@ int relight_room_picture(struct relight_client *client, const char *room,
                          struct relight_error *error);
 
 /* Copies all rooms of the daemon into a file that relightd --rooms opens. size, fn: may be
- * NULL. -RELIGHT_E_FORBIDDEN without the scope admin. On an error there is no file.
+ * NULL. -RELIGHT_E_FORBIDDEN without the scope admin. On an error a file of that name stays.
  * Thread-safety: Safe. Blocks. */
 int relight_room_backup(struct relight_client *client, const char *path, relight_progress_fn fn,
                         void *user, uint64_t *size, struct relight_error *error);
