@@ -43,6 +43,7 @@ struct options {
     unsigned n_word;
     const char *as, *role, *at, *model, *layout; /* of rooms */
     uint32_t revision, decision;
+    bool given[256]; /* by the option's key */
     bool wait, files, remote, forget, force, own_units, follow;
 };
 

@@ -544,15 +544,18 @@ static void take_token(struct argp_state *state, struct options *o, char *text)
     memset(text, 'x', strlen(text));
 }
 
+// The protocol takes 0,0,0 for a gain that was not given.
 static void gain(struct argp_state *state, const struct row *row, const char *text,
                  float out[3])
 {
     if (strchr(text, ',')) {
         triple(state, row, text, out);
-        return;
+    } else {
+        float x = (float)number(state, row, text);
+        for (int c = 0; c < 3; c++) out[c] = x;
     }
-    float x = (float)number(state, row, text);
-    for (int c = 0; c < 3; c++) out[c] = x;
+    if (!(fabsf(out[0]) + fabsf(out[1]) + fabsf(out[2]) > 0))
+        argp_error(state, "--gain %s: a light that is off: leave its --env out", text);
 }
 
 // Options that may repeat.
@@ -680,6 +683,7 @@ static error_t set(int key, char *arg, struct argp_state *state)
     const struct row *row = table;
     while (row < table + N_TABLE && row->key != key) row++;
     if (row == table + N_TABLE) return ARGP_ERR_UNKNOWN;
+    o->given[(uint8_t)key] = true;
     void *field = (char *)o + row->field;
     switch (row->kind) {
     case FLAG:

@@ -185,18 +185,21 @@ static int revoke(struct room_call *c)
 
 // ---- the scene
 
-// Fields of the shade that the command does not set keep the values of the room's scene.
-static int keep_shade(struct room_call *c, cJSON *scene)
+// Fields of the shade and the picture that the command does not set keep the room's values.
+static int keep_fields(struct room_call *c, cJSON *scene)
 {
-    cJSON *shade = cJSON_GetObjectItem(scene, "shade");
-    const cJSON *field;
-    if (!shade) return EXIT_DONE;
-    cJSON *state = room_state(c);
-    if (!state) return EXIT_FAILED;
-    cJSON_ArrayForEach(field, list_of(list_of(state, "scene"), "shade"))
-    {
-        if (!cJSON_GetObjectItem(shade, field->string))
-            cJSON_AddItemToObject(shade, field->string, cJSON_Duplicate(field, 1));
+    static const char *const part[] = {"shade", "picture"};
+    cJSON *state = NULL;
+    for (int i = 0; i < 2; i++) {
+        cJSON *own = cJSON_GetObjectItem(scene, part[i]);
+        const cJSON *field;
+        if (!own) continue;
+        if (!state && !(state = room_state(c))) return EXIT_FAILED;
+        cJSON_ArrayForEach(field, list_of(list_of(state, "scene"), part[i]))
+        {
+            if (!cJSON_GetObjectItem(own, field->string))
+                cJSON_AddItemToObject(own, field->string, cJSON_Duplicate(field, 1));
+        }
     }
     cJSON_Delete(state);
     return EXIT_DONE;
@@ -207,7 +210,7 @@ static int set_scene(struct room_call *c)
     cJSON *scene, *parts;
     int status = room_scene(c, &scene, &parts);
     if (status) return status;
-    if ((status = keep_shade(c, scene))) {
+    if ((status = keep_fields(c, scene))) {
         cJSON_Delete(scene);
         cJSON_Delete(parts);
         return status;

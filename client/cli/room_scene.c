@@ -56,24 +56,30 @@ void room_add_camera(cJSON *scene, const struct relight_camera *camera)
     }
 }
 
-static bool has_picture(const struct relight_picture *p)
-{
-    return p->width || p->exposure_ev < 0 || p->exposure_ev > 0 || p->tone || p->samples ||
-           p->no_specular || p->plain_background;
-}
-
-static void add_picture(cJSON *scene, const struct relight_picture *p)
+// What the command names; the rest stays as it is in the room.
+static void add_picture(const struct options *o, cJSON *scene, cJSON *parts)
 {
     static const char *const tones[] = {"filmic", "reinhard", "none"};
-    cJSON *out = cJSON_AddObjectToObject(scene, "picture");
-    cJSON_AddNumberToObject(out, "width", p->width);
-    cJSON_AddNumberToObject(out, "height", p->height);
-    cJSON_AddStringToObject(out, "tone", tones[p->tone]);
-    add_float(out, "exposure_ev", p->exposure_ev);
-    cJSON_AddNumberToObject(out, "samples", p->samples);
-    cJSON_AddBoolToObject(out, "no_specular", p->no_specular);
-    cJSON_AddBoolToObject(out, "plain_background", p->plain_background);
-    if (p->plain_background) add_vec3(out, "background", p->background);
+    const struct relight_picture *p = &o->picture;
+    cJSON *out = cJSON_CreateObject();
+    if (o->given['z']) cJSON_AddNumberToObject(out, "width", p->width);
+    if (o->given['z']) cJSON_AddNumberToObject(out, "height", p->height);
+    if (o->given['n']) cJSON_AddStringToObject(out, "tone", tones[p->tone]);
+    if (o->given['x']) add_float(out, "exposure_ev", p->exposure_ev);
+    if (o->given['a']) cJSON_AddNumberToObject(out, "samples", p->samples);
+    if (p->no_specular) cJSON_AddTrueToObject(out, "no_specular");
+    if (p->floor) cJSON_AddTrueToObject(out, "floor");
+    if (o->given['B']) {
+        cJSON_AddBoolToObject(out, "transparent", p->transparent);
+        cJSON_AddBoolToObject(out, "plain_background", p->plain_background);
+        add_vec3(out, "background", p->background);
+    }
+    if (!out->child) {
+        cJSON_Delete(out);
+        return;
+    }
+    cJSON_AddItemToObject(scene, "picture", out);
+    cJSON_AddItemToArray(parts, cJSON_CreateString("picture"));
 }
 
 static int add_model(struct room_call *c, cJSON *scene, cJSON *parts)
@@ -86,14 +92,18 @@ static int add_model(struct room_call *c, cJSON *scene, cJSON *parts)
     return EXIT_DONE;
 }
 
-// The engine and the media by object.
+// Engine, term, variant and the media by object.
 static void add_shade(const struct options *o, cJSON *scene, cJSON *parts)
 {
-    if (!o->shade.engine && !o->n_material) return;
+    static const char *const terms[] = {"total", "irradiance", "multiple", "single"};
+    const bool variant = o->given[9], term = o->given['t'];
+    if (!o->shade.engine && !o->n_material && !variant && !term) return;
     cJSON *shade = cJSON_AddObjectToObject(scene, "shade");
     cJSON_AddItemToArray(parts, cJSON_CreateString("shade"));
     if (o->shade.engine)
         cJSON_AddStringToObject(shade, "engine", relight_engine_name(o->shade.engine));
+    if (term) cJSON_AddStringToObject(shade, "term", terms[o->shade.term]);
+    if (variant) cJSON_AddStringToObject(shade, "variant", o->shade.variant);
     if (!o->n_material) return;
     cJSON *list = cJSON_AddArrayToObject(shade, "materials");
     for (size_t i = 0; i < o->n_material; i++) {
@@ -115,10 +125,7 @@ static void add_rest(const struct options *o, cJSON *scene, cJSON *parts)
         room_add_camera(scene, &o->picture.camera);
         cJSON_AddItemToArray(parts, cJSON_CreateString("camera"));
     }
-    if (has_picture(&o->picture)) {
-        add_picture(scene, &o->picture);
-        cJSON_AddItemToArray(parts, cJSON_CreateString("picture"));
-    }
+    add_picture(o, scene, parts);
 }
 
 int room_scene(struct room_call *c, cJSON **scene, cJSON **parts)

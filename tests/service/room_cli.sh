@@ -164,6 +164,24 @@ says 'rejected at revision 1; the model was baked anew since: of the bake'
 expect 0 room scene later --exposure 2
 expect 0 room show later
 says 'rejected at revision 1, changed since; the model was baked anew since: of the bake'
+# A change of a picture or shade keeps what it does not name.
+expect 0 room scene later --size 80x60 --background transparent
+expect 0 room scene later --term multiple
+expect 0 room scene later --variant default
+expect 0 room show later --json
+python3 - out <<'END' || fail "the scene: $(cat out)"
+import json, sys
+scene = json.load(open(sys.argv[1]))['scene']
+p, s = scene['picture'], scene['shade']
+assert (p['width'], p['exposure_ev'], p['transparent'], s['term'], s['variant']) == (80, 2, True, 'multiple', 'default')
+END
+expect 0 room scene later --exposure 0 --background 1,1,1
+expect 0 room show later --json
+python3 - out <<'END' || fail "the scene: $(cat out)"
+import json, sys
+p = json.load(open(sys.argv[1]))['scene']['picture']
+assert p['width'] == 80 and not p.get('exposure_ev') and not p.get('transparent') and p['plain_background'], p
+END
 expect 0 load fine.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model fine
 expect 0 room anchors "$room"

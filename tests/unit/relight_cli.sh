@@ -33,6 +33,8 @@ status 2 "expected one of total" colors x --env constant --term foo -o x.csv
 status 2 "each in" image x --env constant --size 0x10 -o x.png
 status 2 "each in" image x --env constant --size 5000x10 -o x.png
 status 2 "each in" image x --env constant --size 4294967297x10 -o x.png
+status 2 "leave its --env out" image x --env constant --gain 0 -o x.png
+status 2 "leave its --env out" image x --env constant --gain 0,0,0 -o x.png
 status 2 "camera" image x --env constant --camera 1,2 -o x.png
 status 2 "in \[0.001, 1e+06\]" load x --size-mm -4
 status 2 "in \[0.001, 1e+06\]" load x --size-mm nan
