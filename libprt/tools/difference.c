@@ -56,7 +56,10 @@ static int walked(struct tool *tool, const struct source *source, const struct p
                   bool baked, float (*out)[3])
 {
     if (baked) {
-        const struct prt_query query = {.term = PRT_ANSWER_MULTIPLE, .light = light};
+        const bool own_light = source->transport->engine == PRT_TRANSPORT_POLYNOMIAL;
+        struct prt_query query = {.term = PRT_ANSWER_MULTIPLE,
+                                  .light = own_light ? NULL : light};
+        if (source->media_given) query.media = source->media;
         return prt_answer_colors(&tool->ctx, source->transport, &query, out);
     }
     struct prt_reference_options options =

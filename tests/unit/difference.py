@@ -36,8 +36,8 @@ def disc(path, thickness):
         f.writelines('f %d %d %d\n' % tuple(k + 1 for k in t) for t in tri)
 
 
-def colors(*options):
-    prt('colors', *BODY, '--term', 'multiple', *options, '-o', 'c.csv')
+def colors(*options, body=BODY):
+    prt('colors', *body, '--term', 'multiple', *options, '-o', 'c.csv')
     with open('c.csv', encoding='utf-8') as f:
         return [[float(row[c]) for c in 'rgb'] for row in csv.DictReader(f)]
 
@@ -95,4 +95,14 @@ def thin_milk_is_red():
     expect(red > 0.9 * told['covered'] > 20 and blue == 0, 'the disc is not red')
 
 
-programs.main(thin_milk_is_red)
+def a_free_medium_is_the_one_asked_for():
+    """Of a joint bake by walks: the walks' colours are those of --material, as the dipole's are."""
+    disc('disc.obj', 0.3)
+    prt('bake', 'disc.obj', '--size-mm', '10', '--transport', 'joint', '--scattering', 'walk', '--walks', '16',
+        '--samples', '500', '--cube', '16', '--no-single', '-q', '-o', 'joint.prt')
+    body = ('joint.prt', '--material', 'skimmilk', '--env', 'constant', '--samples', '1000', '--seed', '3')
+    told = json.loads(prt('image', *body, '--term', 'difference', '--size', '48x48', '--json', '-o', 'd.png').stdout)
+    numbers(told, colors('--engine', 'reference', '--scattering', 'dipole', body=body), colors(body=body))
+
+
+programs.main(thin_milk_is_red, a_free_medium_is_the_one_asked_for)
