@@ -245,6 +245,29 @@ static void add_light(struct exchange *x)
     set_env(x->message, "lights.env", x->blob, error);
 }
 
+static const char *text_in(const cJSON *json, const char *key)
+{
+    const char *text = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(json, key));
+    return text ? text : "";
+}
+
+bool route_body_agrees(struct exchange *x, const cJSON *body, struct http_problem *problem)
+{
+    static const char *const of_lights[] = {"rotate", "gain"};
+    const cJSON *picture = cJSON_GetObjectItemCaseSensitive(body, "picture");
+    const char *model = text_in(body, "model"), *format = text_in(picture, "format");
+    const char *ending = strcasecmp(x->ending, "jpg") ? x->ending : "jpeg";
+    if (x->id[0] && *model && strcmp(model, x->id))
+        return refuse_parameter(problem, "model", "the path names another one");
+    for (int i = 0; i < 2 && cJSON_GetObjectItemCaseSensitive(body, "lights"); i++)
+        if (http_parameter(&x->head, of_lights[i]))
+            return refuse_parameter(problem, of_lights[i],
+                                    "the lights are in the body: it goes there, too");
+    if (*format && strncasecmp(format, ending, strlen(ending))) // exr_float is an .exr
+        return refuse_parameter(problem, "picture.format", "the path ends in another one");
+    return true;
+}
+
 static bool prepare_image(struct exchange *x, struct http_problem *problem)
 {
     char error[MESSAGE_TEXT_ERROR];

@@ -7,8 +7,13 @@
 
 #include "net/exchange.h"
 
+#include <cjson/cJSON.h>
+
 /* Values of x->format for colours: those of the protocol, then files made of F32. */
 enum { COLORS_CSV = 4, COLORS_NPY, COLORS_N_FORMAT };
+
+/* false, with the problem, where a JSON body says another thing than the path or the query. */
+bool route_body_agrees(struct exchange *x, const cJSON *body, struct http_problem *problem);
 
 bool page_health(struct exchange *x, struct http_problem *problem);
 bool page_ready(struct exchange *x, struct http_problem *problem);

@@ -5,6 +5,7 @@
 #include "net/dispatch.h"
 #include "net/http_problem.h"
 #include "message_text.h"
+#include "net/routes.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -189,15 +190,15 @@ static void run_json(struct exchange *x)
     struct http_problem problem;
     x->json[x->body_at] = 0;
     cJSON *json = cJSON_ParseWithLength(x->json, (size_t)x->body_at);
-    int failed = !json || message_from_json(x->message, json, error);
-    cJSON_Delete(json);
-    if (failed) {
+    bool good = json && route_body_agrees(x, json, &problem);
+    if (!json || (good && message_from_json(x->message, json, error))) {
         http_refuse(&problem, 400, "bad_request", "%s", error);
         snprintf(problem.parameter, sizeof problem.parameter, "body");
-        exchange_refuse(x, &problem);
-    } else {
-        exchange_run(x);
+        good = false;
     }
+    cJSON_Delete(json);
+    if (good) exchange_run(x);
+    else exchange_refuse(x, &problem);
 }
 
 // ---- chunked bodies

@@ -73,6 +73,13 @@ def pictures(d):
             "picture": {"width": 64, "height": 48, "format": "png"}}
     json_type = {"Content-Type": "application/json"}
     assert d.ask("POST", image, json.dumps(body), json_type)[2] == png
+    assert d.ask("POST", image + ".png", json.dumps(dict(body, model="small")), json_type)[2] == png
+    # What the path or the query says, the body may not say otherwise.
+    for path, more, parameter in (("", {"model": "other"}, "model"), ("?rotate=20", {}, "rotate"),
+                                  ("?gain=1,1,1", {}, "gain"), (".jpg", {}, "picture.format"),
+                                  (".png", {"picture": {"format": "jpeg"}}, "picture.format")):
+        problem, _ = d.problem(400, "POST", image + path, json.dumps(dict(body, **more)), json_type)
+        assert problem["parameter"] == parameter, (path, problem)
     exr = d.ask("GET", image + ".exr?env=constant&size=32x32&camera=0,0,3:0,0,0:0,1,0:40")
     assert exr[0] == 200 and exr[2][:4] == b"\x76\x2f\x31\x01"
     for query, parameter in (("size=0x5", "size"), ("size=5", "size"), ("rotate=x", "rotate"),
