@@ -254,7 +254,9 @@ static void drawn(void *user, struct render_result *result)
     struct view *v = user;
     struct connection *conn = v->request->conn;
     bool finer = v->refining;
-    if (!finer && !result->code) measure_frame(v);
+    // One that missed its deadline took at least so long: the next may be reduced.
+    if (!finer && (!result->code || result->code == RELIGHT__ERROR_CODE__ERROR_DEADLINE))
+        measure_frame(v);
     if (!finer && !result->draft) drop_draft(v);
     else if (!finer && v->drawn.fade_from) count_faded(v);
     loop_timer_stop(v->model->server->loop, &v->late);
@@ -562,6 +564,8 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
     }
     render_spec_finish(&v->spec);
     v->spec = next;
+    if (options.gap_ns < v->options.gap_ns && v->drawn_ns + options.gap_ns < v->next_ns)
+        v->next_ns = v->drawn_ns + options.gap_ns;
     v->options = options;
     return 0;
 }
