@@ -164,7 +164,7 @@ const struct option_row option_table[] = {
     {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,
      "reference engine: rays a sample (default 2048)"},
     {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, PRT_BAKE_SINGLE_POINTS_MAX,
-     NULL, BAKE, "single scattering: points a vertex (default 16)"},
+     NULL, BAKE, "with --every-ray: points of single scattering a vertex (default 16)"},
     {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, 1 << 20, NULL, LIGHTS,
      "single scattering: paths a vertex (default 4096)"},
     {"no-single", 0, NULL, OPTION_FLAG, AT(no_single), 0, 0, NULL, BAKE,
