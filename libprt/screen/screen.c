@@ -85,12 +85,11 @@ float prt_frame_mean_free_path(const struct frame *f)
 int prt_frame_atlas(struct frame *f, uint32_t n)
 {
     struct prt_screen *s = f->screen;
-    bool exact = f->options->engine == PRT_SCREEN_REFERENCE;
-    if (!s->atlas.n || s->atlas_size != n || (exact && s->atlas_uv)) {
+    // the reference always has texels of equal area
+    bool own_uv = s->uv_state >= 0 && f->options->engine != PRT_SCREEN_REFERENCE;
+    if (!s->atlas.n || s->atlas_size != n || s->atlas_uv != own_uv) {
         prt_samples_finish(&s->atlas);
         s->atlas_size = n;
-        // the reference always has texels of equal area
-        bool own_uv = s->uv_state >= 0 && !exact;
         int status = PRT_OK;
         s->atlas_uv = false;
         if (own_uv) {

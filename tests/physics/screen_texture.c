@@ -192,6 +192,15 @@ static void uv_are_the_atlas(void **state)
             }
             if (b != plain) free(b);
         }
+        // The texels of equal area that the reference has between them do not stay.
+        for (int exact = 1; exact >= 0; exact--) {
+            struct prt_screen_options options = {
+                .engine = exact ? PRT_SCREEN_REFERENCE : PRT_SCREEN_TEXTURE,
+                .n_sample = exact ? 16 * 3000 : 3000}; // as many texels
+            struct prt_screen_report report;
+            free(render(&s, &marble, NULL, &light, options, &report));
+            assert_true(report.uv_atlas == (fold == 0 && !exact));
+        }
         // and its texels are the whole surface
         bool injective;
         struct samples texels;
