@@ -263,12 +263,23 @@ static int fill_answers(struct table *t, const float *eye)
     return status;
 }
 
-static const char *light_name(const struct options *o, unsigned l, char buf[16])
+// The file's name without folder and ending; returns its length.
+static int light_base(const struct options *o, unsigned l, const char **name)
 {
-    const char *slash = strrchr(o->envs[l], '/'), *name = slash ? slash + 1 : o->envs[l];
-    size_t n = strcspn(name, ".");
-    snprintf(buf, 16, "%.*s", (int)(n < 11 ? n : 11), name);
-    return buf;
+    const char *slash = strrchr(o->envs[l], '/');
+    *name = slash ? slash + 1 : o->envs[l];
+    return (int)strcspn(*name, ".");
+}
+
+// The base; the light as it was given where another one has the same.
+static void light_key(const struct options *o, unsigned n_light, unsigned l, char out[256])
+{
+    const char *name, *other;
+    const int n = light_base(o, l, &name);
+    snprintf(out, 256, "%.*s", n, name);
+    for (unsigned k = 0; k < n_light; k++)
+        if (k != l && light_base(o, k, &other) == n && !strncmp(name, other, (size_t)n))
+            snprintf(out, 256, "%s", o->envs[l]);
 }
 
 // Largest error of the counted media; false when there is none.
@@ -288,7 +299,7 @@ static bool worst_of(const struct table *t, double *worst)
 static void print_json(const struct table *t, double worst)
 {
     const struct options *o = &t->tool->opt;
-    char name[16];
+    char key[256];
     cJSON *root = cJSON_CreateObject();
     cJSON_AddStringToObject(root, "file", t->source.path);
     cJSON_AddStringToObject(root, "engine", source_engine_name(t->source.transport));
@@ -302,8 +313,10 @@ static void print_json(const struct table *t, double worst)
         cJSON_AddNumberToObject(row, "mean_free_path_mm", path_mm(&t->media[m]));
         cJSON_AddBoolToObject(row, "judged", judged(t, m));
         cJSON *errors = cJSON_AddObjectToObject(row, "rmse");
-        for (unsigned l = 0; l < t->n_light; l++)
-            cJSON_AddNumberToObject(errors, light_name(o, l, name), t->error[m][l]);
+        for (unsigned l = 0; l < t->n_light; l++) {
+            light_key(o, t->n_light, l, key);
+            cJSON_AddNumberToObject(errors, key, t->error[m][l]);
+        }
         cJSON_AddItemToArray(rows, row);
     }
     cJSON_AddNumberToObject(root, "worst", worst);
@@ -320,13 +333,16 @@ static void print_json(const struct table *t, double worst)
 static void print_text(const struct table *t, double worst, bool any)
 {
     const struct options *o = &t->tool->opt;
-    char name[16];
+    const char *name;
     bool starred = false;
     printf("%s (%s), --term %s, %u vertices: relative RMSE against the reference, %%\n",
            t->source.path, source_engine_name(t->source.transport), o->term ? o->term : "total",
            t->n);
     printf("%-16s %8s", "medium", "bound");
-    for (unsigned l = 0; l < t->n_light; l++) printf(" %11s", light_name(o, l, name));
+    for (unsigned l = 0; l < t->n_light; l++) {
+        const int n = light_base(o, l, &name);
+        printf(" %11.*s", n < 11 ? n : 11, name);
+    }
     putchar('\n');
     for (unsigned m = 0; m < t->n_media; m++) {
         starred |= !judged(t, m);

@@ -216,6 +216,10 @@ expect 0 '' "$prt" colors ball.prt --env constant --term multiple -o m.csv
 check [ "$(wc -l <m.csv)" = $((n + 1)) ]
 expect 0 '' "$prt" compare m.csv truth.npy --max-rmse 0.1
 expect 1 'above --max-rmse' "$prt" compare m.csv e.csv --max-rmse 0.01
+expect 0 '' "$prt" compare ball.prt reference --env constant --term multiple --samples 2000 --vertices 20 --json \
+    --env constant:0.2,0.2,0.2 --env constant:0.5,0.5,0.5
+grep -q '"rmse":{"constant":.*,"constant:0.2,0.2,0.2":.*,"constant:0.5,0.5,0.5":' out ||
+    fail "a light has no key of its own: $(cat out)"
 expect 0 '' "$prt" compare ball.prt reference --env constant --term multiple --samples 2000 --vertices 20 --json
 check grep -q '"count":20,' out
 expect 2 'leave --material out' "$prt" colors ball.prt --material skin1 --env constant -o x.csv
