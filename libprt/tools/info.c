@@ -411,14 +411,23 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
 }
 
 // The medium that each translucent surface's own material became, in the file's unit.
+// Millimetres in a unit, as a bake with these options has them; 0: not known.
+static double unit_mm(const struct options *o, const struct prt_mesh *mesh)
+{
+    if (o->mm_per_unit > 0) return o->mm_per_unit;
+    if (o->size_mm > 0) return o->size_mm / prt_mesh_diagonal(mesh);
+    return mesh->units_known ? 1000 : 0;
+}
+
 static void add_media(const struct tool *tool, cJSON *root, const struct prt_mesh *mesh)
 {
+    const double unit = unit_mm(&tool->opt, mesh);
     cJSON *list = cJSON_GetObjectItem(cJSON_GetObjectItem(root, "mesh"), "surfaces");
-    for (uint32_t i = 0; mesh->volume && mesh->units_known && i < mesh->n_surface; i++) {
+    for (uint32_t i = 0; mesh->volume && unit > 0 && i < mesh->n_surface; i++) {
         struct prt_material m;
         char text[PRT_MATERIAL_SUMMARY];
         if (!mesh->surface[i].translucent || !mesh->volume[i].kind ||
-            !prt_media_of_surface(&tool->ctx, mesh, i, 1000, &m))
+            !prt_media_of_surface(&tool->ctx, mesh, i, unit, &m))
             continue;
         prt_material_summary(&m, text, sizeof text);
         add_parsed(cJSON_GetArrayItem(list, (int)i), "medium", text);

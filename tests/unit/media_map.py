@@ -53,6 +53,19 @@ def check_model():
     expect('has no material' in colors('candle.gltf', *FEW[2:], status=2), 'a holder without a medium')
 
 
+def check_info():
+    """The file's own medium in mm^-1, by the unit that is given."""
+    def absorption(*options):
+        mesh = json.loads(prt('info', 'candle.gltf', '--json', *options).stdout)['mesh']
+        return [s['medium']['sigma_a'] for s in mesh['surfaces'] if 'medium' in s], mesh['diagonal']
+
+    metres, diagonal = absorption()
+    expect(metres, 'the wax has no medium')
+    for options, unit in ((('--mm-per-unit', '500'), 500), (('--size-mm', str(2000 * diagonal)), 2000)):
+        for a, b in zip(metres, absorption(*options)[0]):
+            expect(all(abs(x * 1000 / unit - y) < 1e-5 * y for x, y in zip(a, b)), '%s: %s, %s' % (options, a, b))
+
+
 def check_refusals():
     for options, text in ((['wex=skin1'], 'did you mean wax?'), (['wick=skin1'], 'it is opaque'),
                           (['wax=skin1', 'wax=ketchup'], 'another entry'),
@@ -102,4 +115,4 @@ def model():
     candle.write('candle.gltf')
 
 
-main(model, check_model, check_refusals, check_bakes)
+main(model, check_model, check_info, check_refusals, check_bakes)
