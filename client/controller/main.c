@@ -157,24 +157,30 @@ static int run(struct control *c, const sigset_t *signals)
     return good ? EXIT_DONE : EXIT_FAILED;
 }
 
-static int control_target(struct control *c, const sigset_t *signals)
+static int control_target(struct control *c)
 {
+    sigset_t signals;
     struct relight_error error;
     struct relight_options how = {.name = "relight-control " RELIGHT_VERSION,
                                   .token = getenv("RELIGHT_TOKEN"),
                                   .ca = c->options.ca,
                                   .reconnect_s = 3600};
     int status;
+    // Other threads inherit the mask: a signal ends the program only through wait_for_end.
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGINT);
+    sigaddset(&signals, SIGTERM);
+    sigaddset(&signals, SIGHUP);
+    pthread_sigmask(SIG_BLOCK, &signals, NULL);
     if (relight_connect(c->options.server, &how, &c->client, &error)) return report(&error);
     c->destination = open_target(c, &status);
     // Threads wait for the daemon's news: the connection ends with the program.
-    return c->destination ? run(c, signals) : status;
+    return c->destination ? run(c, &signals) : status;
 }
 
 int main(int argc, char **argv)
 {
     static struct control control;
-    sigset_t signals;
     char fault[MAPPING_FAULT];
     options_parse(argc, argv, &control.options);
     const struct options *o = &control.options;
@@ -183,16 +189,10 @@ int main(int argc, char **argv)
         say("%s", fault);
         return EXIT_USAGE;
     }
-    // Other threads inherit the mask: a signal ends the program only through wait_for_end.
-    sigemptyset(&signals);
-    sigaddset(&signals, SIGINT);
-    sigaddset(&signals, SIGTERM);
-    sigaddset(&signals, SIGHUP);
-    pthread_sigmask(SIG_BLOCK, &signals, NULL);
     int status = o->task == TASK_LIST    ? run_list(&control)
                  : o->task == TASK_CHECK ? run_check(&control)
                  : o->task == TASK_LEARN ? run_learn(&control)
-                                         : control_target(&control, &signals);
+                                         : control_target(&control);
     fflush(stdout);
     return status;
 }

@@ -644,6 +644,11 @@ static void list_check_learn(void **state)
     assert_non_null(strstr(text, "light.azimuth"));
     assert_non_null(strstr(text, "-3")); // it was turned to the left
     free(text);
+    // A signal ends it while it waits for a movement.
+    start_control(
+        (const char *[]){"--learn", file, "--device", "1234:abcd", "--wait", "100", NULL});
+    expect_says("HID device (1234:abcd): connected");
+    assert_int_equal(end_control(NULL), 1000 + SIGTERM);
     start_control((const char *[]){"--check", file, NULL});
     waitpid(control.pid, &how, 0);
     assert_int_equal(how, 0);
