@@ -209,8 +209,9 @@ static void check_follow(struct argp_state *state, const struct options *o)
     if (!o->follow && !o->n_env) argp_error(state, "--env is missing");
     if (!o->follow) return;
     if (o->model || o->n_env || o->n_material || o->n_try || o->variant || o->camera_name ||
-        o->orbit.zoom > 0 || !o->camera.automatic)
-        argp_error(state, "--follow: the room has the model, its lights, materials and camera");
+        o->orbit.zoom > 0 || !o->camera.automatic || o->look_given)
+        argp_error(state, "--follow: the room has the model, its lights, materials, camera and "
+                          "picture; --size and --quality are this program's");
     if (o->sheet || o->difference || o->turn_light)
         argp_error(state, "--follow: no --sheet, --difference or --turn");
     const char *dot = o->output ? strrchr(o->output, '.') : NULL;
@@ -218,9 +219,17 @@ static void check_follow(struct argp_state *state, const struct options *o)
         argp_error(state, "--follow: the daemon writes no .hdr");
 }
 
+// How a picture looks, which a room's scene says.
+static bool is_look(int key)
+{
+    return key == 'r' || key == 'a' || key == 'n' || key == KEY_NO_TEXTURES || key == 'B' ||
+           key == 'M' || key == 'x';
+}
+
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
+    o->look_given |= is_look(key);
     switch (key) {
     case 's':
         o->server = arg;

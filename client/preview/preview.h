@@ -25,6 +25,7 @@ struct options {
     double fps;
     bool difference; /* of two pictures, in place of them */
     bool turn_light, sheet, json, no_specular, plain, no_textures, transparent;
+    bool look_given; /* one of the options that --follow does not take */
     float background[3], exposure_ev;
     int quality;
     enum prt_tone tone;

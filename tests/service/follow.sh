@@ -148,6 +148,9 @@ wrong() { # STATUS TEXT ARGUMENTS...
 }
 wrong 1 'no such room' --follow nowhere -o x.png
 wrong 2 'the room has the model' --follow 'First review' --env constant -o x.png
+for option in --exposure=1 --tone=none --background=1,1,1 --rotate=20 --no-specular --no-textures --samples-per-pixel=1; do
+    wrong 2 'camera and picture' --follow 'First review' $option -o x.png
+done
 wrong 2 'no --sheet' --follow 'First review' --sheet -o x.png
 wrong 2 'writes no .hdr' --follow 'First review' -o x.hdr
 wrong 2 'writes no .hdr' --follow 'First review' -o x.HDR
