@@ -10,37 +10,36 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <sys/stat.h>
 
 /* Common endings of the faces' file names; the front is -Z, the view direction. */
-static const char *const words[6][8] = {
+static const char *const words[6][9] = {
     {"posx", "px", "right", "rt", "+x", "xpos", "xp", NULL},
     {"negx", "nx", "left", "lf", "-x", "xneg", "xn", NULL},
     {"posy", "py", "top", "up", "+y", "ypos", "yp", NULL},
-    {"negy", "ny", "bottom", "down", "dn", "-y", "yneg", NULL},
+    {"negy", "ny", "bottom", "down", "dn", "-y", "yneg", "yn", NULL},
     {"posz", "pz", "back", "bk", "+z", "zpos", "zp", NULL},
     {"negz", "nz", "front", "ft", "-z", "zneg", "zn", NULL},
 };
 
-/* Face whose word ends the stem of a file name, or -1. */
-static int face_of(const char *file)
+/* The word of a face that ends the stem of a file name, or NULL. */
+static const char *word_of(const char *file, int *face)
 {
     char stem[256];
     const char *dot = strrchr(file, '.');
     const size_t n = dot ? (size_t)(dot - file) : strlen(file);
-    if (n == 0 || n >= sizeof stem) return -1;
+    if (n == 0 || n >= sizeof stem) return NULL;
     for (size_t i = 0; i < n; i++) stem[i] = (char)tolower((unsigned char)file[i]);
     stem[n] = 0;
-    for (int face = 0; face < 6; face++)
-        for (int w = 0; words[face][w]; w++) {
-            const size_t len = strlen(words[face][w]);
-            if (len > n || strcmp(stem + n - len, words[face][w])) continue;
+    for (*face = 0; *face < 6; ++*face)
+        for (int w = 0; words[*face][w]; w++) {
+            const size_t len = strlen(words[*face][w]);
+            if (len > n || strcmp(stem + n - len, words[*face][w])) continue;
             if (len == n || !isalpha((unsigned char)stem[n - len - 1]) ||
                 !isalpha((unsigned char)stem[n - len]))
-                return face;
+                return words[*face][w];
         }
-    return -1;
+    return NULL;
 }
 
 static int scan(const struct prt_context *ctx, const char *pattern, const char *folder,
@@ -51,8 +50,9 @@ static int scan(const struct prt_context *ctx, const char *pattern, const char *
     if (!dir) return prt_fail(ctx, PRT_IO, "%s: cannot read the folder %s", pattern, folder);
     int err = PRT_OK;
     for (struct dirent *e; !err && (e = readdir(dir));) {
-        const int face = face_of(e->d_name);
-        if (face < 0 || e->d_name[0] == '.' || fnmatch(glob, e->d_name, 0)) continue;
+        int face;
+        if (!word_of(e->d_name, &face) || e->d_name[0] == '.' || fnmatch(glob, e->d_name, 0))
+            continue;
         if (paths[face])
             err = prt_fail(ctx, PRT_FORMAT,
                            "%s: both %s and %s could be the %s face; give a "
@@ -99,15 +99,9 @@ int prt_find_faces(const struct prt_context *ctx, const char *pattern, char *pat
 bool prt_face_has_axis_name(const char *path)
 {
     const char *slash = strrchr(path, '/');
-    const int face = face_of(slash ? slash + 1 : path);
-    const char *dot = strrchr(path, '.');
-    if (face < 0 || !dot) return false;
-    for (int w = 0; w < 2; w++) {
-        const size_t len = strlen(words[face][w]);
-        if ((size_t)(dot - path) >= len && !strncasecmp(dot - len, words[face][w], len))
-            return strchr("pn", words[face][w][0]) != NULL;
-    }
-    return false;
+    int face;
+    const char *word = word_of(slash ? slash + 1 : path, &face);
+    return word && strpbrk(word, "xyz");
 }
 
 bool prt_faces_parse(const char *word, enum prt_faces *out)

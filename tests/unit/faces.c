@@ -160,12 +160,13 @@ static const char *const word[] = {"guess", "camera", "gl", "d3d", "three"};
 
 static void six_files(void **state)
 {
-    static const char *const names[3][6] = {
+    static const char *const names[4][6] = {
         {"px", "nx", "py", "ny", "pz", "nz"},
         {"posx", "negx", "posy", "negy", "posz", "negz"},
-        {"sky_rt", "sky_lf", "sky_up", "sky_dn", "sky_bk", "sky_ft"}};
+        {"sky_rt", "sky_lf", "sky_up", "sky_dn", "sky_bk", "sky_ft"},
+        {"xp", "xn", "yp", "yn", "zp", "zn"}};
     for (int faces = PRT_FACES_CAMERA; faces <= PRT_FACES_THREE; faces++)
-        for (int set = 0; set < 3; set++) {
+        for (int set = 0; set < 4; set++) {
             char name[64], full[96];
             snprintf(name, sizeof name, "%s-%d", word[faces], set);
             assert_int_equal(mkdir(file(name), 0700), 0);
