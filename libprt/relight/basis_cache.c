@@ -343,7 +343,8 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
         return prt_fail(ctx, PRT_FORMAT,
                         "the file has no radial basis for its free material: bake it again");
     const struct prt_radial_options options = options_of(transport, tensor);
-    f.key = key_of(&options, tensor);
+    // unscattered light is fitted in single scattering's basis, and otherwise (fit_path)
+    f.key = key_of(&options, tensor) + (tensor->term == PRT_TERM_UNSCATTERED);
     for (uint32_t i = 0; i < media->n && !status; i++) {
         const struct prt_material *m = &media->medium[i];
         if (tensor->term != PRT_TERM_MULTIPLE && m->profile) // its R_d is all its light

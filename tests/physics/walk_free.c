@@ -35,7 +35,7 @@ static struct prt_mesh *dented(uint32_t n_row)
 }
 
 static void bake(const struct prt_mesh *mesh, enum prt_transport_kind engine, uint32_t n_walk,
-                 const struct prt_env *env, const char *path)
+                 bool single, const struct prt_env *env, const char *path)
 {
     struct prt_material m = {.eta = 1.3f, .roughness = 0.3f};
     for (int c = 0; c < 3; c++) m.sigma_s_prime[c] = 1, m.sigma_a[c] = 0.01f;
@@ -46,7 +46,7 @@ static void bake(const struct prt_mesh *mesh, enum prt_transport_kind engine, ui
                                        .n_sample = 4000,
                                        .cube = CUBE,
                                        .env = env,
-                                       .no_single = true,
+                                       .no_single = !single,
                                        .unmeasured = true,
                                        .seed = 1};
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
@@ -112,6 +112,30 @@ static void unscattered_agrees_with_walks(void **state)
     check_medium("unscattered light", &m, true, 8192, 0.03);
 }
 
+// Law: by similarity light that crosses without a scattering depends on sigma_s' and not on g
+// (METHODS §9, terms), whatever term was answered before: single scattering, which does depend
+// on g, has the same functions of the path.
+static void unscattered_is_without_g(void **state)
+{
+    struct prt_material m = {.sigma_s_prime = {0.05f, 0.1f, 0.2f},
+                             .sigma_a = {0.05f, 0.02f, 0.01f},
+                             .eta = 1.3f,
+                             .roughness = 0.3f};
+    float(*want)[3] = calloc(ball->n_vertex, sizeof *want);
+    float(*got)[3] = calloc(ball->n_vertex, sizeof *got);
+    char both[80];
+    snprintf(both, sizeof both, "%s/both.prt", folder);
+    bake(ball, PRT_TRANSPORT_JOINT, 16, true, NULL, both);
+    answer(both, PRT_ANSWER_UNSCATTERED, &m, want);
+    for (int c = 0; c < 3; c++) m.g[c] = 0.8f;
+    answer(both, PRT_ANSWER_SINGLE, &m, got);
+    answer(both, PRT_ANSWER_UNSCATTERED, &m, got);
+    expect_below("unscattered light with g 0.8 against g 0",
+                 prt_relative_rmse(got[0], want[0], 3 * (size_t)ball->n_vertex), 1e-6);
+    free(want);
+    free(got);
+}
+
 static double mean_of(float (*color)[3], uint32_t n)
 {
     double sum = 0;
@@ -166,7 +190,7 @@ static void holes_keep_the_dipole(void **state)
                                        .seed = 1};
     quiet.log = ignore_log;
     snprintf(dipole, sizeof dipole, "%s/dipole.prt", folder);
-    bake(mesh, PRT_TRANSPORT_JOINT, 16, NULL, holed);
+    bake(mesh, PRT_TRANSPORT_JOINT, 16, false, NULL, holed);
     assert_int_equal(prt_bake(&quiet, mesh, &o, dipole), PRT_OK);
     answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
     struct prt_file *f;
@@ -267,13 +291,14 @@ int main(void)
             light.texel[3 * i + c] = (face == 2 ? 0.6f : 0.15f) + (lamp ? 25 : 0);
     }
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
-    bake(ball, PRT_TRANSPORT_JOINT, 256, NULL, joint);
-    bake(ball, PRT_TRANSPORT_POLYNOMIAL, 256, &env, polynomial);
+    bake(ball, PRT_TRANSPORT_JOINT, 256, false, NULL, joint);
+    bake(ball, PRT_TRANSPORT_POLYNOMIAL, 256, false, &env, polynomial);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(grid_holds_media),
         cmocka_unit_test(grid_ends_at_its_edge),
         cmocka_unit_test(media_agree_with_walks),
         cmocka_unit_test(unscattered_agrees_with_walks),
+        cmocka_unit_test(unscattered_is_without_g),
         cmocka_unit_test(no_jumps),
         cmocka_unit_test(holes_keep_the_dipole),
     };
