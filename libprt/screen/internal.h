@@ -356,6 +356,8 @@ int prt_map_tint(const struct frame *f);
 /* Factors of irradiance by the textures of the mesh (prt_mesh_tint, occlusion maps); 1 where it
  * has none. */
 int prt_map_occlude(const struct frame *f, struct samples *s);
+/* Whether some of these factors may differ from 1. */
+bool prt_map_occludes(const struct frame *f);
 /* Whether a map turns normals: of the options, or of the mesh. */
 static inline bool maps_turn(const struct frame *f)
 {

@@ -75,7 +75,11 @@ int prt_frame_light_view(struct frame *f, uint32_t l, const struct grid *grid,
 {
     int status = prt_samples_light_view(f->ctx, f->screen->scene, &f->light[l], grid, f->eta,
                                         out, &f->report->grid, &f->report->n_ray);
-    if (status || !maps_turn(f)) return status;
+    if (status) return status;
+    if (!maps_turn(f)) {
+        if ((status = prt_map_occlude(f, out))) prt_samples_finish(out);
+        return status;
+    }
     // the irradiance that the light view carries has the mesh's normals: computed again
     uint32_t n = f->n_light;
     struct prt_screen_light *all = f->light;

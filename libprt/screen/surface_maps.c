@@ -194,13 +194,18 @@ static int occlude_samples(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int prt_map_occlude(const struct frame *f, struct samples *s)
+bool prt_map_occludes(const struct frame *f)
 {
     const struct prt_mesh *mesh = f->screen->mesh;
     bool any = mesh->texture_split > 0;
     for (uint32_t i = 0; mesh->maps && i < mesh->n_surface; i++)
         any |= mesh->maps[i].map[PRT_MAP_OCCLUSION].image != UINT32_MAX;
-    if (!any || !prt_mesh_has_look(mesh)) return PRT_OK;
+    return any && prt_mesh_has_look(mesh);
+}
+
+int prt_map_occlude(const struct frame *f, struct samples *s)
+{
+    if (!prt_map_occludes(f)) return PRT_OK;
     struct turn_job job = {.f = f, .s = s};
     return prt_parallel_for(f->ctx, NULL, s->n, 1024, occlude_samples, &job);
 }

@@ -381,7 +381,8 @@ static struct radial_table *disc_tables(const struct frame *f, const struct draw
 static int local_scatter(struct frame *f, double r_p, float spacing)
 {
     float reach = (float)(r_p + 5 / SPLIT_K);
-    if (prt_frame_light_views_only(f) && f->options->rings && !maps_turn(f))
+    if (prt_frame_light_views_only(f) && f->options->rings && !maps_turn(f) &&
+        !prt_map_occludes(f))
         return prt_scatter_pattern(f, r_p, spacing, reach);
     if (prt_frame_light_views_only(f))
         return prt_scatter_light_views(f, r_p, spacing, 0.7f, reach);

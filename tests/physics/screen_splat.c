@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// screen/: S09's splat radius.
+// screen/: S09's splat radius; a light's view.
 #include "screen_stage.h"
 
 // Law (S09 eq 4, with the closed form of METHODS §1): the share of light beyond r_max is
@@ -34,10 +34,53 @@ static void radius_leaves_epsilon_outside(void **state)
     model_finish(&model);
 }
 
+// Law: with a split of 1 the irradiance of a surface whose base colour has the luminance a is a
+// E (METHODS §10), in every engine, those that take it from a light's view included.
+static void base_colours_scale_irradiance(void **state)
+{
+    struct model model;
+    model_init(&model, 2000, 4000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 12);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 24, 24);
+    float(*color)[4] = calloc(model.mesh.n_vertex, sizeof *color);
+    for (uint32_t v = 0; v < model.mesh.n_vertex; v++)
+        for (int c = 0; c < 4; c++) color[v][c] = 0.6f;
+    const double a = 0.6 * (double)model.surface[0].base_color[0];
+    for (int e = 0; e <= PRT_SCREEN_REFERENCE + 1; e++) {
+        const bool rings = e > PRT_SCREEN_REFERENCE; // of HYBRID
+        struct prt_screen_options options = {.engine = rings ? PRT_SCREEN_HYBRID
+                                                             : (enum prt_screen_engine)e,
+                                             .n_sample = e == PRT_SCREEN_REFERENCE ? 4000 : 100,
+                                             .rings = rings ? 8 : 0,
+                                             .spokes = rings ? 8 : 0};
+        pixels plain = render(&s, &marble, NULL, &from_front, options, NULL);
+        model.mesh.color = color;
+        model.mesh.texture_split = 1;
+        pixels tinted = render(&s, &marble, NULL, &from_front, options, NULL);
+        model.mesh.color = NULL;
+        model.mesh.texture_split = 0;
+        double sum[2] = {0, 0};
+        for (uint32_t i = 0; i < s.g.n_point; i++)
+            sum[0] += (double)plain[i][1], sum[1] += (double)tinted[i][1];
+        // with maps or colours the pattern gives way to all points of the view
+        expect_near(expect_name("%s%s: light over that of white", rings ? "rings, " : "",
+                                prt_screen_engine_name(options.engine)),
+                    sum[1] / sum[0] / a, 1, rings ? 4e-4 : 2e-7);
+        free(plain);
+        free(tinted);
+    }
+    free(color);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(radius_leaves_epsilon_outside),
+        cmocka_unit_test(base_colours_scale_irradiance),
     };
     return run_physics_tests(tests, screen_setup, screen_teardown);
 }
