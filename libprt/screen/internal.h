@@ -112,8 +112,9 @@ bool prt_visible_samples(const struct frame *f, uint32_t n, const uint32_t *inde
                          struct samples *s);
 /* screen.c: the frame's E at samples, from vertices, harmonics or rays. */
 int prt_frame_irradiance(struct frame *f, struct samples *s);
-/* S09: E from 16 spherical harmonics of the light, no shadows. */
-void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s);
+/* S09: E from 16 spherical harmonics of the light, no shadows; with `add` added to e. */
+void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, bool add,
+                              struct samples *s);
 
 /* table.c: a radial function of three channels, as quadratics in q = r^2 + r0^2 on 32 segments.
  * A power of two of segments is an octave, so that the segment's index is a few bits of q; the
@@ -256,10 +257,10 @@ struct frame {
     float *eta;                        /* [n_object] */
     struct radial_table *table;        /* [n_object] R_d */
     uint64_t view_key;
-    bool any;                      /* has translucent points */
-    const struct view_cache *view; /* from prt_receivers_begin on */
-    float *sum[3];                 /* [n_column] sum of R_d E dA */
-    uint32_t n_light;
+    bool any;                       /* has translucent points */
+    const struct view_cache *view;  /* from prt_receivers_begin on */
+    float *sum[3];                  /* [n_column] sum of R_d E dA */
+    uint32_t n_light, n_cube_light; /* the cube's come first */
     struct prt_screen_light *light;
     const struct prt_cube *cube;
     const struct prt_screen_options *options;

@@ -200,7 +200,8 @@ static void zonal_transmittance(float eta, double zonal[4])
     }
 }
 
-void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
+void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, bool add,
+                              struct samples *s)
 {
     static const int band[16] = {0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3};
     double light[16][3], zonal[4] = {0};
@@ -215,7 +216,7 @@ void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, str
         for (int c = 0; c < 3; c++) {
             double e = 0;
             for (int k = 0; k < 16; k++) e += zonal[band[k]] * light[k][c] * h[k];
-            s->e[c][i] = e > 0 ? (float)e : 0;
+            s->e[c][i] = (add ? s->e[c][i] : 0) + (e > 0 ? (float)e : 0);
         }
     }
 }

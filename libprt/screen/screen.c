@@ -110,12 +110,14 @@ int prt_frame_irradiance(struct frame *f, struct samples *s)
         return prt_irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
     struct samples lit = *s; // shares all columns but the normals that maps turn
     int status = maps_turn(f) ? prt_map_normals(f, &lit) : PRT_OK;
-    // harmonics have no shadows and represent the cube alone, without further lights
-    if (!status && o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT)
-        prt_irradiance_harmonics(f->cube, f->eta, &lit);
-    else if (!status)
-        status = prt_irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta,
-                                       &lit, &f->report->n_ray);
+    // harmonics have no shadows and represent the cube alone: further lights are traced
+    const bool harmonics = o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT;
+    const uint32_t first = harmonics ? f->n_cube_light : 0;
+    if (!status && (!harmonics || f->n_light > first))
+        status = prt_irradiance_traced(f->ctx, f->screen->scene, f->n_light - first,
+                                       f->light + first, f->eta, &lit, &f->report->n_ray);
+    if (!status && harmonics)
+        prt_irradiance_harmonics(f->cube, f->eta, f->n_light > first, &lit);
     for (int k = 0; k < 3; k++)
         if (lit.normal[k] != s->normal[k]) prt_free(lit.normal[k]);
     return status ? status : prt_map_occlude(f, s);
@@ -159,7 +161,7 @@ static int make_lights(struct frame *f, const struct prt_screen_input *input)
                         MAX_LIGHTS);
     f->light = calloc((size_t)n + n_extra + 1, sizeof *f->light);
     if (!f->light) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (n) f->n_light = prt_screen_lights_from_cube(f->cube, n, f->light);
+    if (n) f->n_light = f->n_cube_light = prt_screen_lights_from_cube(f->cube, n, f->light);
     for (uint32_t i = 0; i < n_extra; i++) {
         struct prt_screen_light l = input->extra[i];
         float length = 0;

@@ -258,7 +258,7 @@ static void irradiance_closed_forms(void **state)
     for (int k = 0; k < 2; k++) {
         for (int harmonic = 0; harmonic < 2; harmonic++) {
             uint64_t rays = 0;
-            if (harmonic) prt_irradiance_harmonics(&cube, &eta[k], &s);
+            if (harmonic) prt_irradiance_harmonics(&cube, &eta[k], false, &s);
             else
                 assert_int_equal(
                     prt_irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays), PRT_OK);
@@ -328,7 +328,7 @@ static void harmonics_of_one_texel(void **state)
         for (uint32_t c = 0; c < 3; c++)
             cube.texel[3 * ((face * SIDE + y) * SIDE + x) + c] = 10 * (float)(c + 1);
         prt_cube_direction(face, (2 * x + 1.0) / SIDE - 1, (2 * y + 1.0) / SIDE - 1, d);
-        prt_irradiance_harmonics(&cube, &eta, &s);
+        prt_irradiance_harmonics(&cube, &eta, false, &s);
         for (uint32_t i = 0; i < s.n; i++) {
             double cosine = 0;
             for (int k = 0; k < 3; k++) cosine += (double)(d[k] * s.normal[k][i]);
@@ -340,6 +340,33 @@ static void harmonics_of_one_texel(void **state)
         free(cube.texel);
     }
     prt_samples_finish(&s);
+}
+
+// Law: light adds up. An environment by harmonics leaves further lights as they are: both
+// together are their sum (S09; prt_screen_options.sh_irradiance).
+static void harmonics_beside_a_light(void **state)
+{
+    struct model model;
+    model_init(&model, 2000, 4000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 12);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_cube cube = constant_cube(8, (float[3]){0.3f, 0.2f, 0.1f});
+    struct stage s;
+    stage_init(&s, &model, camera, 20, 20);
+    const struct prt_screen_options options = {
+        .engine = PRT_SCREEN_REFERENCE, .n_sample = 2000, .sh_irradiance = true};
+    pixels sky = render(&s, &marble, &cube, NULL, options, NULL);
+    pixels sun = render(&s, &marble, NULL, &from_front, options, NULL);
+    pixels both = render(&s, &marble, &cube, &from_front, options, NULL);
+    for (uint32_t i = 0; i < s.g.n_point; i++)
+        for (int c = 0; c < 3; c++) sky[i][c] += sun[i][c];
+    expect_below("both together against their sum", relative(both, sky, s.g.n_point), 1e-6);
+    free(sky);
+    free(sun);
+    free(both);
+    free(cube.texel);
+    stage_finish(&s);
+    model_finish(&model);
 }
 
 // Law: a lamp gives I cos / d^2, and nothing where a surface lies between it and the point. A
@@ -736,6 +763,7 @@ int main(void)
         cmocka_unit_test(translation_changes_nothing),
         cmocka_unit_test(irradiance_closed_forms),
         cmocka_unit_test(harmonics_of_one_texel),
+        cmocka_unit_test(harmonics_beside_a_light),
         cmocka_unit_test(lamps_under_a_roof),
         cmocka_unit_test(few_lights_are_their_mean),
         cmocka_unit_test(errors_fall),
