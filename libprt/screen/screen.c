@@ -353,7 +353,8 @@ static int report_frame(struct frame *f, double seconds)
     if (e == PRT_SCREEN_REFERENCE) return PRT_OK;
     uint32_t n = e == PRT_SCREEN_SPLAT ? r->grid : r->n_asked;
     struct plan_view view = prt_frame_plan(f);
-    prt_plan_learn(f->screen, e, n, &view, seconds);
+    // later frames of a running mean draw more points to finer receivers than n says
+    if (!f->options->frame) prt_plan_learn(f->screen, e, n, &view, seconds);
     struct prt_screen *s = f->screen;
     struct checked *checked = &s->checked[e][view.n_light > FEW_LIGHTS];
     // the check sums with one medium an object; TANGENT mixes media, others are scaled after it

@@ -163,6 +163,38 @@ static void budgets_buy_samples(void **state)
     model_finish(&model);
 }
 
+// Contract of prt_screen_plan: its times are those of first pictures. Later frames of a running
+// mean, which draw more points to finer receivers than their count says, leave them alone.
+static void later_frames_change_no_plan(void **state)
+{
+    struct model model;
+    model_init(&model, 2000, 4000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 12);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 40, 40);
+    const struct prt_screen_input input = {
+        .visibility = s.vis, .media = {1, &marble, NULL}, .n_extra = 1, .extra = &from_front};
+    for (int e = 0; e < PRT_SCREEN_REFERENCE; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = 200};
+        struct prt_screen_plan first, later;
+        free(render(&s, &marble, NULL, &from_front, options, NULL));
+        assert_int_equal(
+            prt_screen_plan(&quiet, s.screen, &input, options.engine, 20, NULL, &first),
+            PRT_OK);
+        for (options.frame = 24; options.frame < 28; options.frame++)
+            free(render(&s, &marble, NULL, &from_front, options, NULL));
+        assert_int_equal(
+            prt_screen_plan(&quiet, s.screen, &input, options.engine, 20, NULL, &later),
+            PRT_OK);
+        assert_int_equal(later.n_sample, first.n_sample);
+        assert_true(later.expected_ms == first.expected_ms);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 // Law: the expected error is the measured one to a factor of 1.5 (METHODS §6, expected error):
 // the first frame is compared, later ones are corrected by it.
 static void errors_are_foreseen(void **state)
@@ -422,6 +454,7 @@ int main(void)
         cmocka_unit_test(pair_kernels_agree),
         cmocka_unit_test(receivers_stand_for_their_patch),
         cmocka_unit_test(budgets_buy_samples),
+        cmocka_unit_test(later_frames_change_no_plan),
         cmocka_unit_test(errors_are_foreseen),
         cmocka_unit_test(frames_average_to_the_reference),
         cmocka_unit_test(later_frames_weigh_more),
