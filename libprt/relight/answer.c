@@ -509,10 +509,10 @@ unsigned prt_answer_exit_planes(const struct prt_transport *transport,
     return 0;
 }
 
-// toward: the view is known, or the planes are shaded for one later.
+// toward: the view is known, or the planes are shaded for one later. Colours are never apart.
 static void answer_init(struct answer *a, const struct prt_context *ctx,
                         const struct prt_transport *transport, const struct prt_query *query,
-                        bool toward)
+                        bool toward, bool planes)
 {
     *a = (struct answer){.ctx = ctx,
                          .transport = transport,
@@ -521,7 +521,7 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
                          .n_vertex = transport->mesh.n_vertex,
                          .n_phase = plane_count(transport, query)};
     a->n_plane = a->n_phase;
-    a->apart = toward && query->most_apart;
+    a->apart = planes && query->most_apart;
     if (a->apart) {
         a->n_exit = prt_answer_exit_planes(transport, query);
         a->n_plane = apart_count(a) + a->n_exit;
@@ -771,7 +771,7 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    answer_init(&a, ctx, transport, query, true);
+    answer_init(&a, ctx, transport, query, true, true);
     a.planes = planes;
     if (planes && (status = fill_answers(&a, 1))) return status;
     *n_plane = a.n_plane;
@@ -952,7 +952,7 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    answer_init(&a, ctx, transport, query, query->eye != NULL);
+    answer_init(&a, ctx, transport, query, query->eye != NULL, false);
     status = make_planes(&a, color[0]);
     if (!status) status = fill_answers(&a, 1);
     float *out = color[0];
@@ -988,7 +988,7 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
     for (unsigned i = 0; i < n && !status; i++) status = check_query(ctx, transport, &query[i]);
     if (status) return status;
     for (unsigned i = 0; i < n; i++) {
-        answer_init(&a[i], ctx, transport, &query[i], planes[i] || query[i].eye);
+        answer_init(&a[i], ctx, transport, &query[i], planes[i] || query[i].eye, planes[i]);
         a[i].planes = out[i];
         if (!planes[i] && !status) status = make_planes(&a[i], out[i]);
     }
@@ -1008,7 +1008,7 @@ int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transp
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    answer_init(&a, ctx, transport, query, false);
+    answer_init(&a, ctx, transport, query, false, false);
     a.exits = query->exits;
     c->n_layer = 0;
     c->n_half = 0;
@@ -1035,7 +1035,7 @@ int prt_answer_coefficients(const struct prt_context *ctx,
                                 PRT_RELIGHT_MAX_LIGHTS);
     for (unsigned i = 0; i < n && !status; i++) {
         status = check_query(ctx, transport, &query[i]);
-        answer_init(&a[i], ctx, transport, &query[i], false);
+        answer_init(&a[i], ctx, transport, &query[i], false, false);
         a[i].exits = query[i].exits;
         a[i].coefficients = out[i];
     }

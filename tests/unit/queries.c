@@ -124,6 +124,31 @@ static void many_queries_equal_one_by_one(void **state)
     }
 }
 
+// Only planes are kept apart: colours are what they are without most_apart, alone and of many.
+static void colours_are_never_apart(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube;
+    const float eye[3] = {30, 80, 10};
+    float *want = malloc(12 * N), *got = malloc(12 * N);
+    const bool planes = false;
+    transport_of(&t, &kind[0], &kind[1]);
+    some_cube(&cube);
+    struct prt_query q = {.light = &cube, .term = PRT_ANSWER_TOTAL, .eye = eye};
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])want), 0);
+    q.most_apart = 10;
+    q.exits = true;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])got), 0);
+    assert_memory_equal(got, want, 12 * N);
+    assert_int_equal(prt_answer_many(&ctx, &t, 1, &q, &planes, &got, NULL), 0);
+    assert_memory_equal(got, want, 12 * N);
+    prt_cube_finish(&cube);
+    finish_transport(&t);
+    free(want);
+    free(got);
+}
+
 // What a sink was given: colours, and how often each vertex came.
 struct taken {
     float color[MANY][N][3];
@@ -880,6 +905,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(many_queries_equal_one_by_one),
+        cmocka_unit_test(colours_are_never_apart),
         cmocka_unit_test(a_sink_takes_each_colour_once),
         cmocka_unit_test(coefficients_for_many_lights),
         cmocka_unit_test(packed_coefficients_are_near),
