@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <dirent.h>
+#include <malloc.h>
 #include <cmocka.h>
 
 #include "expect.h"
@@ -233,6 +234,36 @@ static double irradiance_error(const struct prt_cube *a, const struct prt_cube *
         most = fmax(most, exact);
     }
     return worst / most;
+}
+
+/* Bytes that are allocated. */
+static double heap(void)
+{
+    const struct mallinfo2 m = mallinfo2();
+    return (double)(m.uordblks + m.hblkhd);
+}
+
+/* Contract of prt_env_cache_create: what the cache of an environment that was turned through
+ * all angles holds, at one size of cube. */
+static void turned_lights_hold_memory(void **state)
+{
+    if (!(heap() > 0)) skip(); /* a sanitizer's allocator does not count */
+    for (uint32_t n = 16; n <= 64; n *= 2) {
+        struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {256, 128, NULL}};
+        struct prt_cube turned;
+        env.latlong.rgb = prt_calloc((size_t)256 * 128 * 3, sizeof(float));
+        assert_int_equal(prt_env_cache_create(&env), 0);
+        for (int i = 1; i < 360; i++) {
+            assert_int_equal(prt_env_turned(&ctx, &env, n, i, &turned), 0);
+            prt_cube_finish(&turned);
+        }
+        double held = heap();
+        prt_env_cache_destroy(&env);
+        held -= heap();
+        expect_near("bytes held over those stated", held / (double)PRT_ENV_TURNED_BYTES(n), 1,
+                    0.02);
+        prt_image_finish(&env.latlong);
+    }
 }
 
 /* Law: a light that turns quickly keeps its power and the irradiance of the exact cube, a sun
@@ -495,6 +526,7 @@ int main(void)
         cmocka_unit_test(one_pixel_sun),
         cmocka_unit_test(texels_are_averages),
         cmocka_unit_test(turned_lights),
+        cmocka_unit_test(turned_lights_hold_memory),
         cmocka_unit_test(moved_columns_are_turns),
         cmocka_unit_test(upsampling_has_no_holes),
         cmocka_unit_test(layouts_agree),

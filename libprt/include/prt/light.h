@@ -106,7 +106,8 @@ int prt_env_to_cube(const struct prt_context *ctx, const struct prt_env *env, ui
  * of 0 it is prt_env_to_cube() itself. */
 int prt_env_turned(const struct prt_context *ctx, const struct prt_env *env, uint32_t n,
                    double rotate_deg, struct prt_cube *out);
-#define PRT_ENV_TURNED_BYTES(n) ((size_t)512 * (n) * (n))
+/* The image, 16 cubes of it at whole columns, and its bright pixels. */
+#define PRT_ENV_TURNED_BYTES(n) ((size_t)2176 * (n) * (n) + 24576)
 /* The cube size that resolves the source: a power of two in 16..1024. Meaning of --cube full.
  */
 uint32_t prt_env_full_cube(const struct prt_env *env);
