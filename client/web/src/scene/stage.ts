@@ -160,7 +160,7 @@ export class Stage {
   private dirty = false;
   private scheduled = false;
   private fence: WebGLSync | null = null;
-  private readonly before: (() => void)[] = [];
+  private before: (() => void) | null = null;
 
   /** Throws where the browser has no WebGL 2. */
   constructor(canvas: HTMLCanvasElement) {
@@ -229,6 +229,7 @@ export class Stage {
   private removeParts(): void {
     for (const part of this.parts) {
       part.material.dispose();
+      part.geometry.dispose(); // `geometry` itself is never drawn: its dispose() frees nothing
       this.scene.remove(part);
     }
     this.parts = [];
@@ -451,10 +452,17 @@ export class Stage {
 
   // ---- when it is drawn
 
-  /** Runs before the next frame, with the renderer free: the pass that multiplies coefficients. */
+  /** Runs before the next frame, with the renderer free: the pass that multiplies coefficients. It replaces
+   * one that waits: where nothing is drawn (a tab behind others) none pile up. */
   beforeNext(pass: () => void): void {
-    this.before.push(pass);
+    this.before = pass;
     this.redraw();
+  }
+
+  private runBefore(): void {
+    const pass = this.before;
+    this.before = null;
+    pass?.();
   }
 
   redraw(): void {
@@ -492,7 +500,7 @@ export class Stage {
 
   private draw(): void {
     this.dirty = false;
-    for (const pass of this.before.splice(0)) pass();
+    this.runBefore();
     this.drawInto(null);
   }
 
@@ -534,7 +542,7 @@ export class Stage {
       colorSpace: LinearSRGBColorSpace,
     });
     const curve: unknown = this.shared.curve?.value;
-    for (const pass of this.before.splice(0)) pass();
+    this.runBefore();
     this.value("curve", LINEAR);
     this.drawInto(target);
     this.value("curve", curve);
@@ -551,7 +559,7 @@ export class Stage {
       colorSpace: LinearSRGBColorSpace,
       samples: 4,
     });
-    for (const pass of this.before.splice(0)) pass();
+    this.runBefore();
     this.drawInto(target, model);
     const out = new Uint8Array(width * height * 4);
     this.renderer.readRenderTargetPixels(target, 0, 0, width, height, out);

@@ -131,6 +131,7 @@ export class Viewer {
   private frame: Frame | null = null;
   private view: LightView | null = null;
   private watch = 0n;
+  private watched = ""; // its model
   private opening = 0; // grows with every opening: answers of an older one are dropped
   private status: Status = NO_STATUS;
   private pictureFrame = 0n;
@@ -717,13 +718,18 @@ export class Viewer {
   // Follows a bake, and opens the model anew when it is done. The picture stays until the first
   // colours are there.
   private follow(info: ModelInfo): void {
+    if (this.watch && this.watched !== info.model) {
+      this.endWatch();
+      this.setStatus({ ...this.status, progress: null });
+    }
     if (
       this.watch ||
       (info.state !== ModelState.MODEL_BAKING && info.state !== ModelState.MODEL_RECEIVED)
     )
       return;
     const model = info.model;
-    this.watch = this.client.stream(
+    this.watched = model;
+    const mine = (this.watch = this.client.stream(
       Type.Watch,
       WatchRequestSchema,
       { job: model },
@@ -734,10 +740,15 @@ export class Viewer {
         this.setStatus({ ...this.status, progress: ended ? null : message });
       },
       () => {
+        if (this.watch !== mine) return;
         this.watch = 0n;
         if (this.info?.model === model && this.client.hello) void this.open();
       },
-    );
+    ));
+  }
+  private endWatch(): void {
+    if (this.watch) this.client.cancel(this.watch);
+    this.watch = 0n;
   }
 
   async cancelBake(): Promise<void> {
@@ -798,6 +809,9 @@ export class Viewer {
   close(): void {
     this.opening++;
     this.closeView();
+    this.endWatch();
+    this.factors?.dispose();
+    this.factors = null;
     this.stage?.dispose();
   }
 }

@@ -33,7 +33,8 @@ function word<T extends string>(text: string | null, words: readonly T[], otherw
 // ENV@ROTATE,TILT[,R,G,B]
 function lampText(lamp: LampState): string {
   const gain = lamp.gain.every((x) => x === 1) ? [] : lamp.gain;
-  return `${lamp.env}@${list([lamp.rotate, lamp.tilt, ...gain], 3)}`;
+  const digits = gain.map((x) => String(Number(x.toPrecision(5)))); // weak lights keep their colour
+  return `${lamp.env}@${[list([lamp.rotate, lamp.tilt], 3), ...digits].join(",")}`;
 }
 function lampFrom(text: string): LampState | null {
   const at = text.lastIndexOf("@");

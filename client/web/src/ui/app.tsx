@@ -277,6 +277,7 @@ function useDrops(over: { value: boolean }): void {
       (event) => {
         if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
         if (event.target instanceof HTMLInputElement && event.target.type !== "range") return;
+        if (event.target instanceof HTMLTextAreaElement) return;
         event.preventDefault();
         if (event.shiftKey) redo();
         else undo();

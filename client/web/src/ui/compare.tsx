@@ -118,11 +118,12 @@ function drawMap(canvas: HTMLCanvasElement, a: Viewer, b: Viewer): void {
   const w = Math.max(1, Math.round(k * clientWidth));
   const h = Math.max(1, Math.round(k * clientHeight));
   const [one, two] = [a.stage?.readEncoded(w, h), b.stage?.readEncoded(w, h)];
-  const plain = a.stage?.readEncoded(w, h, false);
-  if (!one || !two || !plain) return;
+  // Each has its own background.
+  const [back, back2] = [a.stage?.readEncoded(w, h, false), b.stage?.readEncoded(w, h, false)];
+  if (!one || !two || !back || !back2) return;
   const model = (i: number) =>
     [0, 1, 2].some(
-      (c) => one[4 * i + c] !== plain[4 * i + c] || two[4 * i + c] !== plain[4 * i + c],
+      (c) => one[4 * i + c] !== back[4 * i + c] || two[4 * i + c] !== back2[4 * i + c],
     );
   const found = difference(one, two, model);
   measured.value = found;

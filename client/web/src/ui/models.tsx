@@ -54,7 +54,9 @@ export function Models({ close }: { close: () => void }) {
   const all = models.value ?? [];
   const shown = info.value?.model;
   const unloaded = files.value.filter(
-    (path) => path.endsWith(".prt") && !all.some((model) => path.endsWith(model.name)),
+    (path) =>
+      path.endsWith(".prt") &&
+      !all.some((model) => model.name !== "" && path.endsWith(model.name)),
   );
   return (
     <aside class="drawer" aria-label="Models">
@@ -73,6 +75,7 @@ export function Models({ close }: { close: () => void }) {
                 set({
                   model: model.name || model.model,
                   material: "",
+                  materials: {},
                   variant: "",
                   orbit: START,
                 });

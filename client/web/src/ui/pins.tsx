@@ -45,14 +45,17 @@ function place(event: PointerEvent, box: DOMRect): void {
 }
 
 function finishStroke(): void {
-  const points = drawn.value.map(({ position: [x, y, z], ...at }) => ({
+  const mine = drawn.value;
+  const points = mine.map(({ position: [x, y, z], ...at }) => ({
     ...at,
     position: { x, y, z },
   }));
   if (points.length > 1)
     void act({
       stroke: { points, color: colorOf(me.value), width: WIDTH_PX, pin: openPin.value ?? 0n },
-    }).then(() => (drawn.value = []));
+    }).then(() => {
+      if (drawn.value === mine) drawn.value = []; // else the next one is being drawn
+    });
   else drawn.value = [];
 }
 

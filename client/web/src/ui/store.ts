@@ -280,7 +280,7 @@ export async function openFile(path: string): Promise<void> {
       { path },
       LoadAnswerSchema,
     );
-    set({ model: message.model, material: "", variant: "" });
+    set({ model: message.model, material: "", materials: {}, variant: "" });
     await refresh();
   } catch (error) {
     fault(error);
@@ -374,7 +374,7 @@ export async function loadUpload(name: string, hash: string): Promise<void> {
     LoadAnswerSchema,
   );
   lastUpload.value = { model: message.model, name, hash };
-  set({ model: message.model, material: "", variant: "", orbit: START });
+  set({ model: message.model, material: "", materials: {}, variant: "", orbit: START });
   await refresh();
 }
 
