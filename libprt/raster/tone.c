@@ -50,6 +50,8 @@ static void make_tables(void)
             fine[t][i] =
                 (uint16_t)(65535.0 / FINE_LEVELS * floor(FINE_LEVELS * shown + 0.5) + 0.5);
         }
+        table[t][0] = 0; // all that lies under the table, and NaN, is black
+        fine[t][0] = 0;
     }
 }
 

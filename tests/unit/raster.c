@@ -833,6 +833,7 @@ static void tone_curves(void **state)
         assert_int_equal(prt_tone_map(&quiet, &image, (enum prt_tone)tone, 0, got), PRT_OK);
         assert_int_equal(prt_tone_map_fine(&quiet, &image, (enum prt_tone)tone, 0, fine),
                          PRT_OK);
+        assert_true(fine[0] == 0); // black
         for (int i = 0; i < 3 * 4096; i++) {
             double x = ramp[i], y = x;
             if (tone == PRT_TONE_FILMIC) y = x * (x + 0.06) / (x * (x + 0.62) + 0.09);
