@@ -36,7 +36,8 @@ static void mean_of(const struct shrink_job *job, size_t x0, size_t x1, size_t y
     for (size_t j = y0; j < y1; j++) {
         const float *row = job->in->rgb + 3 * j * job->in->width;
         for (size_t i = 3 * x0; i < 3 * x1; i++)
-            sum[i % 3] += (double)(job->stored ? as_stored(row[i]) : row[i]);
+            if (isfinite(row[i]))
+                sum[i % 3] += (double)(job->stored ? as_stored(row[i]) : row[i]);
     }
     for (int c = 0; c < 3; c++) {
         float v = (float)(sum[c] / n);
