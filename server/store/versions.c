@@ -247,6 +247,8 @@ static void look_at(struct versions *versions, const struct import_entry *e)
     bool same = v->path && !strcmp(v->path, e->name) && !strcmp(v->stamp, e->stamp) &&
                 same_text(v->settings, e->settings);
     if (e->fault[0]) {
+        // What is not loaded yet is a new one when the fault is gone.
+        if (v->state == VERSION_SETTLING || v->state == VERSION_WANTED) v->stamp[0] = 0;
         v->state = VERSION_IDLE;
     } else if (!same && take(v, e)) {
         // A file that is still being written has other times in the next scan.
