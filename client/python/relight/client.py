@@ -35,6 +35,11 @@ class Progress:
     eta: Optional[float] = None
 
 
+def _is_file(path: Any) -> bool:
+    """A pipe, too; not a folder, which may have a preset's or a light's name."""
+    return os.path.exists(path) and not os.path.isdir(path)
+
+
 ProgressFn = Callable[[Progress], Optional[bool]]
 
 
@@ -231,7 +236,7 @@ class Client:
         text = os.fspath(env)
         if text.startswith(("env:", "name:", "constant")):
             return text
-        if os.path.exists(text) or text.lower().endswith(ENV_ENDINGS):
+        if _is_file(text) or text.lower().endswith(ENV_ENDINGS):
             return "env:" + self.upload(text)
         return "name:" + text
 
@@ -327,7 +332,7 @@ class Client:
     def _material(self, material: Optional[Material]) -> str:
         if isinstance(material, dict):
             return json.dumps(material)
-        if material and os.path.exists(material):
+        if material and _is_file(material):
             with open(material, encoding="utf-8") as f:
                 return f.read()
         return material or ""
