@@ -50,7 +50,7 @@ static void make_tables(void)
             fine[t][i] =
                 (uint16_t)(65535.0 / FINE_LEVELS * floor(FINE_LEVELS * shown + 0.5) + 0.5);
         }
-        table[t][0] = 0; // all that lies under the table, and NaN, is black
+        table[t][0] = 0; // values below 2^-14, and NaN, take this entry: black
         fine[t][0] = 0;
     }
 }

@@ -247,7 +247,7 @@ static void look_at(struct versions *versions, const struct import_entry *e)
     bool same = v->path && !strcmp(v->path, e->name) && !strcmp(v->stamp, e->stamp) &&
                 same_text(v->settings, e->settings);
     if (e->fault[0]) {
-        // What is not loaded yet is a new one when the fault is gone.
+        // It was not loaded: the scan that finds no fault treats it as a new version.
         if (v->state == VERSION_SETTLING || v->state == VERSION_WANTED) v->stamp[0] = 0;
         v->state = VERSION_IDLE;
     } else if (!same && take(v, e)) {

@@ -296,12 +296,27 @@ static void test_views_take_maps(void **state)
     relight_loaded_finish(&loaded);
 }
 
+// A texel that is not finite is 0 in the mean of a map that is reduced.
+static void test_mean_without_nan(void **state)
+{
+    const float texel[4] = {1, NAN, 1, 1};
+    float rgb[4][3];
+    for (int i = 0; i < 12; i++) rgb[i / 3][i % 3] = texel[i / 3];
+    struct prt_image image = {2, 2, rgb[0]};
+    struct prt_screen_map map;
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    assert_int_equal(
+        prt_screen_map_make(&ctx, PRT_SCREEN_MAP_HEIGHT, &image, true, 1, NULL, 2, &map), 0);
+    for (int c = 0; c < 3; c++) assert_float_equal(map.rgb[0][c], 2 * 0.75, 1e-6);
+    prt_screen_map_finish(&map);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_profiles_are_shown),
-        cmocka_unit_test(test_maps_are_shown),
-        cmocka_unit_test(test_requests_without_maps),
+        cmocka_unit_test(test_mean_without_nan), cmocka_unit_test(test_profiles_are_shown),
+        cmocka_unit_test(test_maps_are_shown),   cmocka_unit_test(test_requests_without_maps),
         cmocka_unit_test(test_views_take_maps),
     };
     return cmocka_run_group_tests(tests, setup, ball_teardown);
