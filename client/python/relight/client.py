@@ -35,12 +35,12 @@ class Progress:
     eta: Optional[float] = None
 
 
-def _is_file(path: Any) -> bool:
-    """A pipe, too; not a folder, which may have a preset's or a light's name."""
-    return os.path.exists(path) and not os.path.isdir(path)
-
-
 ProgressFn = Callable[[Progress], Optional[bool]]
+
+
+def _is_file(path: str) -> bool:
+    """Whether it can be read as one, as a pipe can. A folder of a preset's name cannot."""
+    return os.path.exists(path) and not os.path.isdir(path)
 
 
 @dataclass(frozen=True)

@@ -196,6 +196,11 @@ describe("the link", () => {
     const both: SceneState = { ...FIRST, compare: { mode: "wipe", at: 0.25, other: scene } };
     expect(fromFragment(toFragment(both))).toEqual(both);
   });
+  test("a link keeps the colour of a weak light", () => {
+    const gain: [number, number, number] = [0.015625, 0.0015625, 0.00078125];
+    const back = fromFragment(toFragment({ ...FIRST, lamps: [{ ...FIRST_LAMP, gain }] }));
+    back.lamps[0]?.gain.forEach((x, i) => expect(x / (gain[i] ?? 1)).toBeCloseTo(1, 3));
+  });
   test("lights are kept in range", () => {
     const lamp = (text: string) => fromFragment(`light=${text}`).lamps[0];
     expect(lamp("constant@10,500")).toMatchObject({ rotate: 10, tilt: 90, gain: [1, 1, 1] });
