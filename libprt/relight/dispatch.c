@@ -41,6 +41,11 @@ const struct prt_kernels *prt_kernels_for(unsigned cpu)
     return best;
 }
 
+bool prt_relight_in_integers(unsigned cpu)
+{
+    return prt_kernels_for(cpu)->integers;
+}
+
 void prt_light_table_fill(unsigned n_light, const float *const coef[], uint32_t begin,
                           uint32_t end, float *table)
 {

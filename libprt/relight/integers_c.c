@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// The integer kernels in plain C: the reference for expand_vnni.c and pairs_vnni.c, which have
-// to return the same bits. Every step rounds where they round: coefficients and lights to 16
-// bits, to nearest even; sums of products are exact in 32 bits; floats are multiplied in their
-// order. No machine runs these in place of f32: without the instructions they are slower.
+// The integer kernels in plain C: the reference for those of AVX2 and of AVX-512 VNNI, which
+// have to return the same bits. Every step rounds where they round: coefficients and lights to
+// 16 bits, to nearest even; sums of products are exact in 32 bits; floats are multiplied in
+// their order. No machine runs these in place of f32: without the instructions they are slower.
 #include "kernels.h"
 
 #include <math.h>

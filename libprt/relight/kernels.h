@@ -110,8 +110,6 @@ extern const struct prt_kernels prt_kernels_integer_c; // C twins of the integer
 extern const struct prt_kernels prt_kernels_avx2;
 extern const struct prt_kernels prt_kernels_avx512;
 extern const struct prt_kernels prt_kernels_vnni; // AVX-512 with integer kernels
-void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                    const float *light, float *out);
 #endif
 #if PRT_ISA_ARM64
 extern const struct prt_kernels prt_kernels_neon;

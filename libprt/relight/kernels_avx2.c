@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The kernels for AVX2 with FMA and F16C.
-#include "kernels.h"
-#include "scatter.h"
+#include "avx2.h"
 
 #include <string.h>
 
@@ -308,103 +307,6 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
         }
 }
 
-PRT_INLINE __m256 load_u(const uint16_t *u)
-{
-    return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)u));
-}
-
-// Two rows of U for 8 vertices.
-struct two {
-    __m256 x[2];
-};
-
-PRT_INLINE struct two load_pairs(const int16_t *u)
-{
-    const __m256i x = _mm256_loadu_si256((const __m256i *)u);
-    return (struct two){{_mm256_cvtepi32_ps(_mm256_srai_epi32(_mm256_slli_epi32(x, 16), 16)),
-                         _mm256_cvtepi32_ps(_mm256_srai_epi32(x, 16))}};
-}
-
-PRT_INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r, __m256 g,
-                     __m256 b)
-{
-    float rg[16], blue[8];
-    __m256 lo = _mm256_unpacklo_ps(r, g), hi = _mm256_unpackhi_ps(r, g);
-    uint32_t n = job->end - v < 8 ? job->end - v : 8;
-    _mm256_storeu_ps(rg, _mm256_permute2f128_ps(lo, hi, 0x20));
-    _mm256_storeu_ps(rg + 8, _mm256_permute2f128_ps(lo, hi, 0x31));
-    _mm256_storeu_ps(blue, b);
-    scatter(rg, blue, job->order + v, n, job->color[t], job->add);
-}
-
-// Expands nt triples of nv vectors of 8 vertices from v on.
-PRT_INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0,
-                             const int nt, const int nv)
-{
-    __m256 sum[4][3][4];
-    const int16_t *u = (const int16_t *)job->u + 2 * (size_t)v;
-    const float *b = job->b + 3 * t0;
-    const __m256 unit = _mm256_set1_ps(PRT_U_UNIT);
-    for (int t = 0; t < nt; t++)
-        for (int ch = 0; ch < 3; ch++)
-            for (int i = 0; i < nv; i++) sum[t][ch][i] = _mm256_setzero_ps();
-    for (uint32_t r = 0; r < job->rank; r += 2, u += 2 * job->stride, b += 2 * job->b_stride) {
-        const float *other =
-            r + 1 < job->rank ? b + job->b_stride : b; // past an odd last row U is 0
-        for (int i = 0; i < nv; i++) {
-            const struct two two = load_pairs(u + 16 * i);
-            for (int t = 0; t < nt; t++)
-                for (int ch = 0; ch < 3; ch++) {
-                    const int k = 3 * t + ch;
-                    sum[t][ch][i] =
-                        _mm256_fmadd_ps(two.x[0], _mm256_broadcast_ss(b + k), sum[t][ch][i]);
-                    sum[t][ch][i] = _mm256_fmadd_ps(two.x[1], _mm256_broadcast_ss(other + k),
-                                                    sum[t][ch][i]);
-                }
-        }
-        _mm_prefetch((const char *)(u + 256), _MM_HINT_T0);
-    }
-    for (int t = 0; t < nt; t++)
-        for (int i = 0; i < nv; i++)
-            if (v + 8 * (uint32_t)i < job->end)
-                put8(job, v + 8 * (uint32_t)i, t0 + (uint32_t)t,
-                     _mm256_mul_ps(sum[t][0][i], unit), _mm256_mul_ps(sum[t][1][i], unit),
-                     _mm256_mul_ps(sum[t][2][i], unit));
-}
-
-static void expand(const struct expand_job *job)
-{
-    for (uint32_t v = job->begin; v < job->end; v += 32) {
-        uint32_t t = 0, n = job->n_triple;
-        for (; n - t >= 4; t += 4)
-            for (uint32_t i = v; i < v + 32 && i < job->end; i += 8)
-                expand_block(job, i, t, 4, 1);
-        for (; t < n; t++) {
-            if (v + 32 <= job->stride) expand_block(job, v, t, 1, 4);
-            else expand_block(job, v, t, 1, 2);
-        }
-    }
-}
-
-static void radial(const struct expand_job *job)
-{
-    for (uint32_t v = job->begin; v < job->end; v += 16)
-        for (uint32_t t = 0; t < job->n_triple; t++) {
-            __m256 sum[3][2];
-            const uint16_t *u = job->u + (size_t)t * job->rank * 3 * job->stride + v;
-            const float *b = job->b;
-            for (int ch = 0; ch < 3; ch++) sum[ch][0] = sum[ch][1] = _mm256_setzero_ps();
-            for (uint32_t r = 0; r < job->rank; r++, b += job->b_stride)
-                for (int ch = 0; ch < 3; ch++, u += job->stride) {
-                    __m256 w = _mm256_broadcast_ss(b + ch);
-                    sum[ch][0] = _mm256_fmadd_ps(load_u(u), w, sum[ch][0]);
-                    sum[ch][1] = _mm256_fmadd_ps(load_u(u + 8), w, sum[ch][1]);
-                }
-            put8(job, v, t, sum[0][0], sum[1][0], sum[2][0]);
-            if (v + 8 < job->end) put8(job, v + 8, t, sum[0][1], sum[1][1], sum[2][1]);
-        }
-}
-
 // Sums over three vectors at a time (24 = 8 * 3), so that a lane keeps its channel.
 static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
                      float *out)
@@ -426,12 +328,15 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
 }
 
 const struct prt_kernels prt_kernels_avx2 = {.name = "avx2",
+                                             .integers = true,
                                              .diagonal = diagonal,
                                              .diagonal_group = diagonal_group,
+                                             .lights_to_integers = prt_integer_lights_fill_avx2,
+                                             .pairs_group = prt_pairs_avx2,
                                              .full = full,
                                              .mixed = prt_mixed_avx2,
-                                             .expand = expand,
-                                             .radial = radial,
+                                             .expand = prt_expand_integers_avx2,
+                                             .radial = prt_radial_avx2,
                                              .material = material};
 
 PRT_ISA_END

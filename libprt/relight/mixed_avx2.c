@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Low-rank rows for AVX2: each row's few components are summed over its entries, then functions
 // are sums of components.
-#include "kernels.h"
+#include "avx2.h"
 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_AVX2)

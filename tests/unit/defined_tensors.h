@@ -240,7 +240,7 @@ static inline void add_column_step(struct defined *b, uint32_t rank)
 static inline void define(const struct prt_tensor *t, const struct prt_light *light,
                           const float *coef, unsigned cpu, float *color, float *bound)
 {
-    const bool rounds = prt_cpu_detect() & cpu & PRT_CPU_AVX512VNNI;
+    const bool rounds = prt_relight_in_integers(prt_cpu_detect() & cpu);
     const size_t plane = 3 * (size_t)t->n_vertex;
     const bool radial = t->storage == PRT_STORAGE_RADIAL;
     for (uint32_t i = 0; i < 3 * t->n_phase; i++) {

@@ -9,11 +9,12 @@
  * progress callback, PRT_CANCELLED are possible everywhere and not repeated below.
  *
  * Accuracy. Results agree with the definition to f32 rounding: each colour to 1e-5 of the sum
- * of the absolute values of its terms. Where ctx->cpu has AVX-512 VNNI, rows of pairs and
- * expansions use 16-bit integers: the colours of a bake then differ from those in f32 by some
- * 3e-5 RMS under a sky, up to 8e-5 under lamps and suns, and by about 1e-4 of the largest; for
- * rows of random signs, whose sums cancel, by 2e-4 (prt-bench relight_file and relight_factored
- * print both). In integers a light's colours do not depend on the lights beside it. */
+ * of the absolute values of its terms. Where ctx->cpu has AVX-512 VNNI, or AVX2 and no
+ * AVX-512, rows of pairs and expansions use 16-bit integers, with the same results on both: the
+ * colours of a bake then differ from those in f32 by some 3e-5 RMS under a sky, up to 8e-5
+ * under lamps and suns, and by about 1e-4 of the largest; for rows of random signs, whose sums
+ * cancel, by 2e-4 (prt-bench relight_file and relight_factored print both). In integers a
+ * light's colours do not depend on the lights beside it. */
 #ifndef PRT_RELIGHT_H
 #define PRT_RELIGHT_H
 
@@ -26,6 +27,10 @@ extern "C" {
 
 /* Lights of one call share one pass over the transport. */
 enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
+
+/* Whether calls with this mask of enum prt_cpu contract rows of pairs and expand in 16-bit
+ * integers. Thread-safe. */
+bool prt_relight_in_integers(unsigned cpu);
 
 /* ---- one tensor -------------------------------------------------------------------------- */
 

@@ -123,6 +123,7 @@ static int from_floats(struct job *job, double *rms, double *most)
     int status = alone ? PRT_OK : PRT_NOMEM;
     *rms = *most = 0;
     ctx.cpu &= ~(unsigned)PRT_CPU_AVX512VNNI;
+    if (prt_relight_in_integers(ctx.cpu)) ctx.cpu = PRT_CPU_C;
     for (unsigned l = 0; l < 8 && !status; l++) {
         const float *together = job->color + l * n;
         struct prt_light light = {0};

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: MIT
+// Kernels for AVX2 that one file defines and another one's table names.
+#ifndef PRT_RELIGHT_AVX2_H
+#define PRT_RELIGHT_AVX2_H
+
+#include "kernels.h"
+
+#if PRT_ISA_X86
+void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                    const float *light, float *out);
+void prt_integer_lights_fill_avx2(const struct integer_lights *q, unsigned n_light,
+                                  const float *const coef[], uint32_t begin, uint32_t end);
+void prt_pairs_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                    const struct integer_lights *lights, unsigned n_light, size_t light_pitch,
+                    size_t row_pitch, float *out);
+// In floating point:
+void prt_expand_avx2(const struct expand_job *job);
+void prt_radial_avx2(const struct expand_job *job);
+// prt_expand_avx2 in 16-bit integers.
+void prt_expand_integers_avx2(const struct expand_job *job);
+#endif
+#endif
