@@ -23,7 +23,19 @@ import {
 } from "../gen/relight_pb";
 import { DisconnectedError, RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
-import { change, client, connection, fault, roomHistory, scene, viewer } from "../ui/store";
+import {
+  MADE,
+  beginHistory,
+  change,
+  client,
+  connection,
+  fault,
+  keepAddress,
+  roomHistory,
+  scene,
+  showAddress,
+  viewer,
+} from "../ui/store";
 import { filter, openPin } from "../ui/review-state";
 import { orbitOf, PARTS, sameJson } from "./convert";
 import { act, answered, AUTHOR, pump } from "./edits";
@@ -85,26 +97,52 @@ export async function createRoom(name: string): Promise<void> {
   }
 }
 
+function sitIn(id: string): void {
+  roomId.value = id;
+  sit();
+}
 /** Goes into a room; the address keeps it. */
 export function enter(id: string): void {
   const url = new URL(location.href);
   url.searchParams.set("room", id);
   url.searchParams.delete("pin");
-  history.pushState(null, "", url);
+  history.pushState(MADE, "", url);
   leaveSeat();
-  roomId.value = id;
-  sit();
+  sitIn(id);
 }
 export function leave(): void {
   const url = new URL(location.href);
   url.searchParams.delete("room");
   url.searchParams.delete("pin");
-  history.pushState(null, "", url);
+  history.pushState(MADE, "", url);
+  goOut();
+}
+function goOut(): void {
   leaveRead();
   leaveSeat();
   roomId.value = "";
   void listRooms();
 }
+
+if (roomId.value) history.replaceState(MADE, "", location.href);
+// Back and Forward enter and leave the room that the address names. In the same room they change no
+// scene; a link that a person opened there does.
+addEventListener("popstate", ({ state: entry }) => {
+  const named = new URLSearchParams(location.search).get("room") ?? "";
+  const before = roomId.value;
+  if (named && named === before) {
+    if (entry === null) showAddress();
+    keepAddress();
+  } else if (named) {
+    leaveRead();
+    leaveSeat();
+    sitIn(named);
+  } else if (before) {
+    goOut();
+    showAddress();
+    beginHistory();
+  }
+});
 
 // ---- the seat
 

@@ -146,19 +146,37 @@ export const roomHistory = signal<{ undo: () => void; redo: () => void } | null>
 export const canUndo = computed(() => roomHistory.value !== null || done.value.length > 0);
 export const canRedo = computed(() => roomHistory.value !== null || undone.value.length > 0);
 let committed = scene.value;
+/** Of the entries of the browser's history that the page made. Another one is a link that a person
+ * opened. */
+export const MADE = { made: "page" };
 
 /** Changes the scene; commit() makes a step of it. */
 export function change(part: Partial<SceneState>): void {
   scene.value = { ...scene.value, ...part };
 }
-/** A finished change: a step of undo, and an entry of the browser's history. */
+/** A finished change: a step of undo, and an entry of the browser's history. A room has one entry:
+ * Back leaves it. */
 export function commit(): void {
   const now = scene.value;
   if (toFragment(now) === toFragment(committed)) return;
   done.value = [...done.value, committed].slice(-100);
   undone.value = [];
   committed = now;
-  history.pushState(null, "", `#${toFragment(now)}`);
+  if (roomId.value) keepAddress();
+  else history.pushState(MADE, "", `#${toFragment(now)}`);
+}
+/** The address holds the scene; no entry is added. */
+export function keepAddress(): void {
+  history.replaceState(MADE, "", `#${toFragment(committed)}`);
+}
+export function showAddress(): void {
+  scene.value = committed = fromFragment(location.hash);
+}
+/** The scene as it is now is the first that undo goes back to. */
+export function beginHistory(): void {
+  done.value = undone.value = [];
+  committed = scene.value;
+  keepAddress();
 }
 export function set(part: Partial<SceneState>): void {
   change(part);
@@ -171,13 +189,14 @@ function step(from: typeof done, to: typeof done): void {
   to.value = [...to.value, committed];
   committed = next;
   scene.value = next;
-  history.replaceState(null, "", `#${toFragment(next)}`);
+  keepAddress();
 }
 export const undo = () => (roomHistory.value ? roomHistory.value.undo() : step(done, undone));
 export const redo = () => (roomHistory.value ? roomHistory.value.redo() : step(undone, done));
 
+// In a room the scene is everybody's: room/session.ts leaves it.
 addEventListener("popstate", () => {
-  scene.value = committed = fromFragment(location.hash);
+  if (!roomId.value) showAddress();
 });
 
 export function setOrbit(orbit: Orbit): void {

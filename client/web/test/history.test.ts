@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: MIT
+// Back, undo and the address, outside of rooms and in them.
+import { beforeEach, expect, test } from "vitest";
+import { browser, fakeDaemon, tellState, turn } from "./fake-browser";
+import { sceneOf } from "../src/room/convert";
+import { Type } from "../src/protocol/frame";
+import { FIRST } from "../src/state/scene-state";
+
+const store = await import("../src/ui/store");
+const here = await import("../src/room/here");
+const session = await import("../src/room/session");
+const daemon = fakeDaemon(store.client);
+
+const rotateTo = (rotate: number) =>
+  store.set({ lamps: [{ env: "constant", rotate, tilt: 0, gain: [1, 1, 1] }] });
+const rotated = () => store.scene.value.lamps[0]?.rotate;
+const roomIn = () => new URL(browser.entry.url).searchParams.get("room") ?? "";
+const edits = () => daemon.asked.filter(({ type }) => type === Type.RoomEdit);
+// The scene of a room, its light turned so far [deg].
+const sceneAt = (rotate: number) =>
+  sceneOf(
+    FIRST,
+    "a".repeat(32),
+    null,
+    [{ env: "constant", rotateDeg: rotate, gain: { x: 1, y: 1, z: 1 } }],
+    { width: 4, height: 3 },
+  );
+const rests = () => new Promise((done) => setTimeout(done, 300));
+
+function sitIn(room: string, rotate: number): void {
+  session.enter(room);
+  tellState(daemon, { room, sequence: 1n, scene: sceneAt(rotate) });
+}
+
+beforeEach(async () => {
+  if (here.roomId.value) session.leave();
+  await turn();
+  daemon.asked = [];
+});
+
+test("Back outside of a room goes to the scene before", () => {
+  rotateTo(10);
+  rotateTo(20);
+  browser.go(-1);
+  expect(rotated()).toBe(10);
+});
+
+test("Back in a room leaves it and writes no old scene into it", async () => {
+  rotateTo(10);
+  sitIn("r1", 40);
+  expect(rotated()).toBe(40);
+  rotateTo(50);
+  rotateTo(60);
+  await rests();
+  const before = edits().length;
+  browser.go(-1);
+  await rests();
+  expect(edits().length).toBe(before);
+  expect(here.roomId.value).toBe("");
+  expect(roomIn()).toBe("");
+  expect(rotated()).toBe(10);
+});
+
+test("Forward enters the room again, without a new entry", async () => {
+  rotateTo(10);
+  sitIn("r2", 40);
+  browser.go(-1);
+  const entries = browser.entries.length;
+  browser.go(1);
+  expect(here.roomId.value).toBe("r2");
+  tellState(daemon, { room: "r2", sequence: 1n, scene: sceneAt(45) });
+  expect(rotated()).toBe(45);
+  expect(browser.entries.length).toBe(entries);
+  await rests();
+  expect(edits()).toEqual([]);
+});
+
+test("Back from one room to another changes the seat", () => {
+  sitIn("r3", 40);
+  sitIn("r4", 50);
+  browser.go(-1);
+  expect(here.roomId.value).toBe("r3");
+  expect(daemon.streams.at(-1)?.init["room"]).toBe("r3");
+});
+
+test("a link that a person opens in a room is the room's", async () => {
+  sitIn("r5", 40);
+  browser.type("#light=constant@70,0");
+  expect(rotated()).toBe(70);
+  await rests();
+  expect(edits().length).toBe(1);
+  browser.go(-1);
+  await rests();
+  expect(rotated()).toBe(70);
+  expect(here.roomId.value).toBe("r5");
+  expect(edits().length).toBe(1);
+});
