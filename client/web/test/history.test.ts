@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Back, undo and the address, outside of rooms and in them.
+import { create } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import { browser, fakeDaemon, tellState, turn } from "./fake-browser";
+import { SceneSchema } from "../src/gen/relight_pb";
 import { sceneOf } from "../src/room/convert";
 import { Type } from "../src/protocol/frame";
 import { FIRST } from "../src/state/scene-state";
@@ -9,6 +11,7 @@ import { FIRST } from "../src/state/scene-state";
 const store = await import("../src/ui/store");
 const here = await import("../src/room/here");
 const session = await import("../src/room/session");
+const { showAlone } = await import("../src/room/share");
 const daemon = fakeDaemon(store.client);
 
 const rotateTo = (rotate: number) =>
@@ -94,4 +97,35 @@ test("a link that a person opens in a room is the room's", async () => {
   expect(rotated()).toBe(70);
   expect(here.roomId.value).toBe("r5");
   expect(edits().length).toBe(1);
+});
+
+test("undo of a person who looks alone ends where it began to", () => {
+  rotateTo(10);
+  rotateTo(20);
+  sitIn("r6", 40);
+  session.lookAlone(true);
+  expect(store.canUndo.value).toBe(false);
+  rotateTo(50);
+  store.undo();
+  expect(rotated()).toBe(40);
+  expect(store.canUndo.value).toBe(false);
+});
+
+test("undo of a person who looks at an old revision goes back to it", () => {
+  sitIn("r8", 40);
+  session.lookAlone(true);
+  showAlone(create(SceneSchema, sceneAt(80)));
+  rotateTo(90);
+  store.undo();
+  expect(rotated()).toBe(80);
+});
+
+test("undo after a room was left does not go back to before the room", () => {
+  rotateTo(10);
+  sitIn("r7", 40);
+  session.leave();
+  expect(store.canUndo.value).toBe(false);
+  rotateTo(50);
+  store.undo();
+  expect(rotated()).toBe(40);
 });

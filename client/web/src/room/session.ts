@@ -116,6 +116,7 @@ export function leave(): void {
   url.searchParams.delete("pin");
   history.pushState(MADE, "", url);
   goOut();
+  beginHistory();
 }
 function goOut(): void {
   leaveRead();
@@ -316,6 +317,7 @@ export function lookAlone(on: boolean): void {
   putDown();
   alone.value = on;
   if (!on) showParts(PARTS);
+  beginHistory();
   tell(on ? {} : { own: null });
 }
 export function follow(key: bigint): void {

@@ -5,7 +5,7 @@ import { effect, untracked } from "@preact/signals";
 import { Engine, ErrorCode, type Participant, type Scene, type Shade } from "../gen/relight_pb";
 import { RelightError } from "../protocol/errors";
 import { upload } from "../protocol/upload";
-import { change, client, fault, info, scene, status, viewer } from "../ui/store";
+import { beginHistory, change, client, fault, info, scene, status, viewer } from "../ui/store";
 import {
   lightsOf,
   orbitOf,
@@ -267,6 +267,7 @@ export function showAlone(past: Scene): void {
   const frame = viewer?.framed;
   const orbit = frame ? orbitOf(past.camera, frame) : null;
   if (orbit) change({ orbit });
+  beginHistory();
 }
 
 /** Makes a scene of the room's history the room's scene again, number by number. */
