@@ -129,3 +129,17 @@ test("undo after a room was left does not go back to before the room", () => {
   store.undo();
   expect(rotated()).toBe(40);
 });
+
+test("the model that the page chooses first is in the address, without a new entry", async () => {
+  store.change({ model: "" });
+  const entries = browser.entries.length;
+  daemon.answer = () => ({
+    models: [{ name: "bunny", model: "b" }],
+    environments: [],
+    files: [],
+  });
+  await store.refresh();
+  expect(store.scene.value.model).toBe("bunny");
+  expect(browser.entry.url).toContain("#model=bunny");
+  expect(browser.entries.length).toBe(entries);
+});

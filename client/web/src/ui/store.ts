@@ -283,6 +283,7 @@ function chooseFirst(): void {
   if (first) {
     change({ model: first.name || first.model });
     committed = scene.value;
+    keepAddress(); // a copy of it shows the same model
     return;
   }
   const file = files.value.find((path) => path.endsWith(".prt"));
