@@ -99,6 +99,8 @@ export interface Daemon {
   asked: { type: Type; init: Record<string, unknown> }[];
   /** Answers a request; throws where it is refused. */
   answer: (type: Type, init: Record<string, unknown>) => unknown;
+  /** Frames without an answer. */
+  told: { type: Type; init: Record<string, unknown> }[];
   /** Streams that the page opened. */
   streams: {
     type: Type;
@@ -110,7 +112,7 @@ export interface Daemon {
 
 /** Puts a daemon behind the store's client. */
 export function fakeDaemon(client: Client): Daemon {
-  const daemon: Daemon = { asked: [], answer: () => ({}), streams: [] };
+  const daemon: Daemon = { asked: [], answer: () => ({}), told: [], streams: [] };
   client.hello = create(HelloAnswerSchema, { scopes: ["view", "upload"] });
   client.request = (async (type: Type, _: unknown, init: Record<string, unknown>) => {
     daemon.asked.push({ type, init });
@@ -128,7 +130,8 @@ export function fakeDaemon(client: Client): Daemon {
     daemon.streams.push({ type, init, answered, ended });
     return BigInt(daemon.streams.length);
   }) as typeof client.stream;
-  client.notify = () => undefined;
+  client.notify = ((type: Type, _: unknown, init: Record<string, unknown>) =>
+    void daemon.told.push({ type, init })) as typeof client.notify;
   client.cancel = () => undefined;
   return daemon;
 }

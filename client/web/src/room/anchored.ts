@@ -7,14 +7,16 @@ import { info, status, viewer } from "../ui/store";
 import { anchorOf, fitsMesh, sameMesh, type Anchor } from "./anchor";
 import { state } from "./here";
 
+// By room, number of the pin or stroke, and whether the mesh is its own.
 const known = new WeakMap<Mesh, Map<string, Anchor[]>>();
 const LEAST = 4000; // points of a stroke that are sought on another mesh, of all strokes
 
 function remembered(mesh: Mesh, key: string, make: () => Anchor[]): Anchor[] {
   let all = known.get(mesh);
   if (!all) known.set(mesh, (all = new Map<string, Anchor[]>()));
-  let found = all.get(key);
-  if (!found) all.set(key, (found = make()));
+  const own = `${state.value?.room ?? ""} ${key}`;
+  let found = all.get(own);
+  if (!found) all.set(own, (found = make()));
   return found;
 }
 

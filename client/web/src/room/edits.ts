@@ -80,8 +80,9 @@ export function unsentChange(): Edit | null {
   const last = edits.at(-1);
   return last && !last.sent && last.room === roomId.value && last.action.scene ? last : null;
 }
-/** Whether an edit of the scene has no answer yet. */
-export const scenePends = () => edits.some((one) => one.action.scene !== undefined);
+/** Whether an edit of the scene of this room has no answer yet. */
+export const scenePends = () =>
+  edits.some((one) => one.room === roomId.value && one.action.scene !== undefined);
 
 /** Does something in the room; a refusal is said. */
 export async function act(action: ActionInit): Promise<RoomEditAnswer | null> {

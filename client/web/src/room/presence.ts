@@ -73,4 +73,10 @@ export function tell(what: News = {}): void {
   if (wait <= 0) send();
   else timer = setTimeout(send, wait);
 }
+/** The room was left: nothing of it is told in the next one. */
+export function forgetTold(): void {
+  clearTimeout(timer);
+  timer = undefined;
+  cursor = hand = own = null;
+}
 export const handIsTold = () => hand !== null;

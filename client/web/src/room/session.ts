@@ -18,8 +18,8 @@ import {
   RoomListRequestSchema,
   RoomStateSchema,
   SubscribeRequestSchema,
+  RoomRole,
   type RoomEvent,
-  type RoomRole,
 } from "../gen/relight_pb";
 import { DisconnectedError, RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
@@ -36,13 +36,14 @@ import {
   showAddress,
   viewer,
 } from "../ui/store";
-import { filter, openPin } from "../ui/review-state";
+import { filter, forgetReview, openPin } from "../ui/review-state";
 import { orbitOf, PARTS, sameJson } from "./convert";
 import { act, answered, AUTHOR, pump } from "./edits";
 import {
   alone,
   beginReading,
   colorOf,
+  conflict,
   follows,
   leads,
   leaveRead,
@@ -55,7 +56,7 @@ import {
   seat,
   state,
 } from "./here";
-import { tell } from "./presence";
+import { forgetTold, tell } from "./presence";
 import {
   forgetRoom,
   putDown,
@@ -107,6 +108,7 @@ export function enter(id: string): void {
   url.searchParams.set("room", id);
   url.searchParams.delete("pin");
   history.pushState(MADE, "", url);
+  leaveRead();
   leaveSeat();
   sitIn(id);
 }
@@ -152,6 +154,8 @@ let lost = false; // the connection was lost since the last state
 
 function leaveSeat(): void {
   forgetRoom();
+  forgetTold();
+  forgetReview();
   if (seat.id) client.cancel(seat.id);
   seat.id = 0n;
   lastSequence = 0n;
@@ -159,7 +163,10 @@ function leaveSeat(): void {
   people.value = new Map();
   alone.value = false;
   leads.value = false;
-  follows.value = 0n;
+  follows.value = leader = 0n;
+  role.value = RoomRole.ROLE_NONE;
+  me.value = 0n;
+  conflict.value = "";
 }
 
 function sit(): void {

@@ -17,6 +17,13 @@ export const printing = signal(false);
 /** Two scenes of the room that are compared. */
 export const comparing = signal<{ a: Kept; b: Kept } | null>(null);
 
+/** The room was left. */
+export function forgetReview(): void {
+  tool.value = "none";
+  newPin.value = openPin.value = comparing.value = null;
+  printing.value = false;
+}
+
 export type Filter = "open" | "resolved" | "mine" | "all";
 export const filter = signal<Filter>("open");
 

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: MIT
+// From one room to another: nothing of the first one is in the second.
+import { create } from "@bufbuild/protobuf";
+import { beforeEach, expect, test } from "vitest";
+import { fakeDaemon, tellState, turn } from "./fake-browser";
+import { PinSchema, SeenSchema } from "../src/gen/relight_pb";
+import { Type } from "../src/protocol/frame";
+import type { Mesh } from "../src/scene/geometry";
+import type { Viewer } from "../src/scene/viewer";
+
+const store = await import("../src/ui/store");
+const here = await import("../src/room/here");
+const session = await import("../src/room/session");
+const review = await import("../src/ui/review-state");
+const { anchors } = await import("../src/room/anchored");
+const { handIsTold, tell } = await import("../src/room/presence");
+const daemon = fakeDaemon(store.client);
+
+const TRIANGLE = {
+  nVertex: 3,
+  positions: Float32Array.from([0, 0, 0, 1, 0, 0, 0, 1, 0]),
+  normals: new Float32Array(9),
+  triangles: Uint32Array.from([0, 1, 2]),
+  hash: "m",
+} as unknown as Mesh;
+const MODEL = "a".repeat(32);
+const light = (rotateDeg: number) => [
+  { env: "constant", rotateDeg, gain: { x: 1, y: 1, z: 1 } },
+];
+const pin = (x: number) =>
+  create(PinSchema, {
+    stamp: { sequence: 5n },
+    at: { triangle: 0, b1: x, b2: 0, position: { x, y: 0, z: 0 } },
+    seen: create(SeenSchema, { model: MODEL, meshHash: "m" }),
+  });
+const sitIn = (room: string, rotate: number, x = 0.5) => {
+  session.enter(room);
+  tellState(daemon, {
+    room,
+    sequence: 9n,
+    scene: { model: MODEL, lights: light(rotate) },
+    pins: [pin(x)],
+  });
+};
+
+beforeEach(async () => {
+  daemon.answer = () => ({});
+  if (here.roomId.value) session.leave();
+  await turn();
+  daemon.asked = [];
+  daemon.told = [];
+});
+
+test("pins of one number lie where each room has them", () => {
+  store.useViewer({
+    shape: TRIANGLE,
+    framed: null,
+    show: () => undefined,
+  } as unknown as Viewer);
+  store.status.value = { ...store.status.value, mode: "mesh" };
+  sitIn("r1", 0, 0.25);
+  expect(anchors.value.get(5n)?.position[0]).toBeCloseTo(0.25, 6);
+  sitIn("r2", 0, 0.75);
+  expect(anchors.value.get(5n)?.position[0]).toBeCloseTo(0.75, 6);
+});
+
+test("threads, tools and comparisons of a room end with it", () => {
+  const open = () => {
+    review.openPin.value = 5n;
+    review.newPin.value = { triangle: 0, object: 0, b1: 0, b2: 0, position: [0, 0, 0] };
+    review.comparing.value = { a: { revision: 1 }, b: {} };
+    review.tool.value = "draw";
+    review.printing.value = true;
+    here.conflict.value = "Theirs is shown.";
+  };
+  const shown = () => [
+    review.openPin.value,
+    review.newPin.value,
+    review.comparing.value,
+    review.tool.value,
+    review.printing.value,
+    here.conflict.value,
+  ];
+  sitIn("r1", 0);
+  open();
+  sitIn("r2", 0);
+  expect(shown()).toEqual([null, null, null, "none", false, ""]);
+  open();
+  session.leave();
+  expect(shown()).toEqual([null, null, null, "none", false, ""]);
+  expect(here.mayReview.value).toBe(false);
+});
+
+test("a room that is left for another one was read", () => {
+  sitIn("r5", 0);
+  sitIn("r6", 0);
+  const read = JSON.parse(localStorage.getItem("relight-room-seen") ?? "{}") as object;
+  expect(read).toMatchObject({ r5: 9 });
+});
+
+test("a hand of one room is not told in the next", () => {
+  sitIn("r1", 0);
+  tell({ hand: { scene: { model: MODEL }, parts: ["model"] } });
+  sitIn("r2", 0);
+  expect(handIsTold()).toBe(false);
+});
+
+test("a change of one room that has no answer does not hide the scene of the next", async () => {
+  daemon.answer = (type) => (type === Type.RoomEdit ? new Promise(() => undefined) : {});
+  sitIn("r1", 10);
+  store.set({ lamps: [{ env: "constant", rotate: 20, tilt: 0, gain: [1, 1, 1] }] });
+  sitIn("r2", 70);
+  await turn();
+  expect(daemon.asked.filter(({ type }) => type === Type.RoomEdit).length).toBe(1);
+  expect(store.scene.value.lamps[0]?.rotate).toBe(70);
+});
