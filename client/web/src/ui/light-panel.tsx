@@ -5,6 +5,7 @@ import { useSignal } from "@preact/signals";
 import { BUILTIN_LIGHTS } from "../scene/builtin-lights";
 import { roomId } from "../room/here";
 import { thumbnail } from "../scene/thumbnails";
+import { brightened, hexOf, strengthOf, tinted } from "../state/lamp-gain";
 import { Icon, IconButton, Section, Slider } from "./controls";
 import {
   addLamp,
@@ -57,29 +58,18 @@ function gallery(): string[] {
 function Tint({ index }: { index: number }) {
   const lamp = scene.value.lamps[index];
   if (!lamp) return null;
-  const most = Math.max(...lamp.gain, 1e-6);
-  const hex = `#${lamp.gain
-    .map((x) =>
-      Math.round(255 * (x / most) ** (1 / 2.2))
-        .toString(16)
-        .padStart(2, "0"),
-    )
-    .join("")}`;
+  const gain = () => scene.value.lamps[index]?.gain ?? lamp.gain;
   return (
     <label class="tint">
       Colour
       <input
         type="color"
-        value={hex}
-        onInput={(event) => {
-          const text = event.currentTarget.value;
-          const rgb = [1, 3, 5].map((i) => (parseInt(text.slice(i, i + 2), 16) / 255) ** 2.2);
-          const top = Math.max(...rgb, 1e-6);
-          setLamp(index, {
-            gain: rgb.map((x) => (x / top) * most) as [number, number, number],
-          });
+        value={hexOf(lamp.gain)}
+        onInput={(event) => setLamp(index, { gain: tinted(gain(), event.currentTarget.value) })}
+        onChange={(event) => {
+          event.currentTarget.value = hexOf(gain()); // black was chosen, which is no colour of a light
+          commit();
         }}
-        onChange={commit}
       />
     </label>
   );
@@ -89,11 +79,6 @@ function Lamp({ index }: { index: number }) {
   const lamp = scene.value.lamps[index];
   if (!lamp) return null;
   const many = scene.value.lamps.length > 1;
-  const strength = Math.max(...lamp.gain, 1e-6);
-  const brighten = (ev: number) => {
-    const k = 2 ** ev / strength;
-    setLamp(index, { gain: lamp.gain.map((x) => x * k) as [number, number, number] });
-  };
   return (
     <Section
       title={many ? `Light ${index + 1}: ${environmentName(lamp.env)}` : "Direction"}
@@ -133,8 +118,8 @@ function Lamp({ index }: { index: number }) {
         min={-6}
         max={6}
         digits={2}
-        value={Math.log2(strength)}
-        onInput={brighten}
+        value={strengthOf(lamp.gain)}
+        onInput={(ev) => setLamp(index, { gain: brightened(lamp.gain, ev) })}
         onDone={commit}
       />
       <Tint index={index} />
