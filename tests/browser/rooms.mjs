@@ -278,5 +278,33 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
       await ann.context().close();
       await bob.context().close();
     },
+
+    // The scene of before the room is that person's own.
+    async "Back leaves a room"(home) {
+      const ann = await create(home, "model=marble.prt&light=constant@20,0", "Ann", "Back");
+      const room = /room=([0-9a-f]{32})/.exec(ann.url())[1];
+      const bob = await join(ann, "Bob");
+      await ann.locator(".stage").focus();
+      for (let i = 0; i < 3; i++) {
+        await ann.keyboard.press("Shift+ArrowRight");
+        await settles(ann);
+      }
+      await agree(ann, bob);
+      const turned = await turnOf(bob);
+      const before = sceneEvents(room).length;
+      await ann.goBack();
+      await ann.locator(".room-bar").waitFor({ ...PATIENCE, state: "detached" });
+      assert.ok(!ann.url().includes("room="));
+      assert.equal(await turnOf(ann), 20);
+      await settles(ann);
+      assert.equal(await turnOf(bob), turned);
+      assert.equal(sceneEvents(room).length, before);
+      await ann.goForward();
+      await inRoom(ann);
+      await agree(ann, bob);
+      assert.equal(await turnOf(bob), turned);
+      await ann.context().close();
+      await bob.context().close();
+    },
   };
 }
