@@ -17,6 +17,7 @@ import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import assert from "node:assert/strict";
+import { faultScenarios } from "./faults.mjs";
 import { ownScenarios } from "./own-scene.mjs";
 import { replicaScenarios } from "./replicas.mjs";
 import { reviewScenarios } from "./review.mjs";
@@ -912,6 +913,7 @@ const scenarios = {
   }),
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
   ...ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE }),
+  ...faultScenarios({ open, mode, settled, shot, folder, PATIENCE }),
   ...replicaScenarios({ open, mode, start, stop, daemon: () => daemon, folder, PATIENCE }),
   ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 

@@ -2,7 +2,8 @@
 // The page: the picture fills it, the panels lie beside it, or below it on a phone.
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { Icon, IconButton } from "./controls";
+import { Icon, IconButton, LinkField } from "./controls";
+import { copyLink, linkToCopy } from "./copy";
 import { state as room } from "../room/here";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
@@ -107,6 +108,22 @@ function Notice() {
           onClick={() => (notice.value = null)}
         />
       )}
+    </div>
+  );
+}
+
+function LinkToCopy() {
+  if (!linkToCopy.value) return null;
+  return (
+    <div class="notice" role="alert">
+      <b>The browser does not copy the link</b>
+      <p>Copy it from this field.</p>
+      <LinkField label="Link to copy" url={linkToCopy.value} />
+      <IconButton
+        icon="close"
+        label="Close this link"
+        onClick={() => (linkToCopy.value = "")}
+      />
     </div>
   );
 }
@@ -323,10 +340,10 @@ export function App() {
   const Panel = tabs.find((one) => one.id === tab.value)?.panel ?? LightPanel;
   const name = info.value?.name || info.value?.model.slice(0, 12) || "Choose a model";
   const share = () => {
-    void navigator.clipboard.writeText(location.href).then(() => {
-      copied.value = true;
+    void copyLink(location.href).then((done) => {
+      copied.value = done;
       setTimeout(() => (copied.value = false), 1600);
-    }, fault);
+    });
   };
   return (
     <div class="app">
@@ -376,6 +393,7 @@ export function App() {
         <Empty />
         <div class="overlay">
           <Notice />
+          <LinkToCopy />
           <Work />
         </div>
         <StatusLine />

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Small controls that the panels are made of.
 import type { ComponentChildren } from "preact";
-import { useId } from "preact/hooks";
+import { useEffect, useId, useRef } from "preact/hooks";
 
 export function Section(props: {
   title: string;
@@ -16,6 +16,25 @@ export function Section(props: {
       </header>
       {props.children}
     </section>
+  );
+}
+
+/** A link to copy by hand: all of it is selected. */
+export function LinkField(props: { label: string; url: string }) {
+  const field = useRef<HTMLInputElement>(null);
+  useEffect(() => {
+    field.current?.focus();
+    field.current?.select();
+  }, [props.url]);
+  return (
+    <input
+      ref={field}
+      class="link"
+      aria-label={props.label}
+      readOnly
+      value={props.url}
+      onFocus={(event) => event.currentTarget.select()}
+    />
   );
 }
 

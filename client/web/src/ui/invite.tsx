@@ -4,7 +4,8 @@ import { useSignal } from "@preact/signals";
 import { RoomRole } from "../gen/relight_pb";
 import { act } from "../room/edits";
 import { roomId, state } from "../room/here";
-import { fault } from "./store";
+import { LinkField } from "./controls";
+import { copied } from "./copy";
 
 const DAY_S = 86400;
 
@@ -58,16 +59,17 @@ export function Invite({ close }: { close: () => void }) {
   const may = useSignal(RoomRole.ROLE_REVIEWER);
   const days = useSignal(14);
   const link = useSignal("");
+  const isCopied = useSignal(false);
   return (
     <form
       class="popover"
       aria-label="Invite"
       onSubmit={(event) => {
         event.preventDefault();
-        void invite(name.value || "guest", may.value, days.value).then((url) => {
+        void invite(name.value || "guest", may.value, days.value).then(async (url) => {
+          isCopied.value = url !== "" && (await copied(url));
           link.value = url;
-          if (url) void navigator.clipboard.writeText(url).catch(() => undefined);
-        }, fault);
+        });
       }}
     >
       <label>
@@ -105,8 +107,13 @@ export function Invite({ close }: { close: () => void }) {
       </button>
       {link.value && (
         <>
-          <input class="link" aria-label="Invitation" readOnly value={link.value} />
-          <p class="hint">It is copied, and shown this once. Whoever has it is let in.</p>
+          <LinkField label="Invitation" url={link.value} />
+          <p class="hint">
+            {isCopied.value
+              ? "It is copied, and"
+              : "The browser does not copy it: copy it here. It is"}{" "}
+            shown this once. Whoever has it is let in.
+          </p>
         </>
       )}
       <Made />

@@ -21,6 +21,7 @@ import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
 import { stands, verdict } from "../room/verdict";
 import { Choice, Section } from "./controls";
+import { copyLink } from "./copy";
 import {
   byOf,
   comparing,
@@ -174,11 +175,7 @@ function Seen({ pin }: { pin: Pin }) {
         <button
           type="button"
           class="quiet"
-          onClick={() =>
-            void navigator.clipboard
-              .writeText(linkTo(number))
-              .then(() => (copied.value = true), fault)
-          }
+          onClick={() => void copyLink(linkTo(number)).then((done) => (copied.value = done))}
         >
           {copied.value ? "The link is copied" : "Link to this pin"}
         </button>
