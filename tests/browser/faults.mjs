@@ -1,9 +1,24 @@
 // SPDX-License-Identifier: MIT
 // What the page does where the browser lacks something or the daemon refuses. For page.mjs.
 import assert from "node:assert/strict";
+import { people, placePin } from "./people.mjs";
+
+// Requests of this type are refused until that is ended.
+const refuse = (page, type) =>
+  page.evaluate((one) => {
+    const { client } = globalThis.relightViewer;
+    const real = client.request;
+    client.request = (...words) =>
+      words[0] === one
+        ? Promise.reject(new Error("the daemon refused it"))
+        : real.apply(client, words);
+  }, type);
+const permit = (page) => page.evaluate(() => delete globalThis.relightViewer.client.request);
+const ROOM_EDIT = 31;
 
 /** tools: open, mode, settled, shot, folder, PATIENCE of page.mjs. */
 export function faultScenarios({ open, mode, shot, PATIENCE }) {
+  const { create, pin, rests } = people({ open, mode, PATIENCE });
   return {
     async "a link is copied without a clipboard, or shown"(home) {
       const page = await open("about:blank", {
@@ -36,6 +51,33 @@ export function faultScenarios({ open, mode, shot, PATIENCE }) {
       await page.getByRole("button", { name: "Close this link" }).click();
       await field.waitFor({ ...PATIENCE, state: "detached" });
       await page.context().close();
+    },
+
+    async "a reply and a pin that are refused keep their text"(home) {
+      const ann = await create(home, "model=marble.prt&light=constant@0,0", "Ann", "Refused");
+      await pin(ann, "a dent", [340, 330]);
+      await rests(ann);
+      await refuse(ann, ROOM_EDIT);
+      const reply = ann.getByLabel("Reply", { exact: true });
+      await reply.fill("a longer thought");
+      await ann.getByRole("button", { name: "Reply", exact: true }).click();
+      await ann.getByText("the daemon refused it").waitFor(PATIENCE);
+      assert.equal(await reply.inputValue(), "a longer thought");
+      await ann.getByRole("button", { name: "Close this message" }).click();
+      await placePin(ann, "another dent", [330, 350]);
+      await ann.getByText("the daemon refused it").waitFor(PATIENCE);
+      const text = ann.getByLabel("What is wrong here");
+      assert.equal(await text.inputValue(), "another dent");
+      await permit(ann);
+      await ann.getByRole("button", { name: "Place the pin" }).click();
+      await text.waitFor({ ...PATIENCE, state: "detached" });
+      await ann.locator(".pin-row", { hasText: "another dent" }).waitFor(PATIENCE);
+      await ann.locator(".pin-title", { hasText: "a dent" }).click();
+      assert.equal(await reply.inputValue(), "a longer thought");
+      await ann.getByRole("button", { name: "Reply", exact: true }).click();
+      await ann.locator(".thread li").getByText("a longer thought").waitFor(PATIENCE);
+      assert.equal(await reply.inputValue(), "");
+      await ann.context().close();
     },
   };
 }

@@ -83,7 +83,8 @@ export async function listRooms(): Promise<void> {
   }
 }
 
-export async function createRoom(name: string): Promise<void> {
+/** Makes a room and goes into it; false where it was refused. */
+export async function createRoom(name: string): Promise<boolean> {
   try {
     const first = await shownScene();
     const { message } = await client.request(
@@ -93,8 +94,10 @@ export async function createRoom(name: string): Promise<void> {
       RoomCreateAnswerSchema,
     );
     enter(message.room);
+    return true;
   } catch (error) {
     fault(error);
+    return false;
   }
 }
 

@@ -13,7 +13,7 @@ import {
 import { anchors } from "../room/anchored";
 import { anchorText } from "../room/anchor";
 import { act, edit } from "../room/edits";
-import { alone, isNew, markRead, mayReview, role, state, watched } from "../room/here";
+import { alone, isNew, markRead, mayReview, role, roomId, state, watched } from "../room/here";
 import { lookAgain, made, madeKey } from "../room/made";
 import { drawingOf, forgetPresent, hashOf, type Drawing } from "../room/pictures";
 import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
@@ -22,6 +22,7 @@ import { sameJson } from "../room/convert";
 import { stands, verdict } from "../room/verdict";
 import { Choice, Section } from "./controls";
 import { copyLink } from "./copy";
+import { draftOf, sendDraft } from "./drafts";
 import {
   byOf,
   comparing,
@@ -103,13 +104,12 @@ function Strokes({ strokes }: { strokes: readonly Stroke[] }) {
 }
 
 function Reply({ pin }: { pin: Pin }) {
-  const text = useSignal("");
   const number = numberOf(pin);
+  const draft = draftOf(`reply ${number}`);
+  const { text, sending } = draft;
   const send = () => {
-    if (!text.value.trim()) return;
-    const said = text.value.trim();
-    text.value = "";
-    void act({ reply: { target: number, text: said } });
+    if (text.value.trim())
+      void sendDraft(draft, (said) => ({ reply: { target: number, text: said } }));
   };
   return (
     <form
@@ -130,7 +130,7 @@ function Reply({ pin }: { pin: Pin }) {
         }}
       />
       <div class="row">
-        <button type="submit" class="primary" disabled={!text.value.trim()}>
+        <button type="submit" class="primary" disabled={sending.value || !text.value.trim()}>
           Reply
         </button>
         <button
@@ -231,27 +231,27 @@ function PinRow({ pin }: { pin: Pin }) {
 }
 
 function NewPin() {
-  const text = useSignal("");
+  const draft = draftOf("new pin");
+  const { text, sending } = draft;
   const at = newPin.value;
   if (!at) return null;
-  const place = () => {
+  const place = async () => {
     const [x, y, z] = at.position;
-    const said = text.value.trim();
-    newPin.value = null;
-    text.value = "";
+    const room = roomId.value;
     putDown();
-    void act({
+    const answer = await sendDraft(draft, (said) => ({
       pin: { text: said, at: { ...at, position: { x, y, z } }, scene: sceneSeen() },
-    }).then((answer) => {
-      if (answer) openPin.value = answer.sequence;
-    });
+    }));
+    if (!answer || roomId.value !== room) return;
+    if (newPin.value === at) newPin.value = null;
+    openPin.value = answer.sequence;
   };
   return (
     <form
       class="new-pin"
       onSubmit={(event) => {
         event.preventDefault();
-        if (text.value.trim()) place();
+        if (text.value.trim()) void place();
       }}
     >
       <textarea
@@ -264,11 +264,11 @@ function NewPin() {
         onKeyDown={(event) => {
           if (event.key === "Escape") newPin.value = null;
           if (event.key === "Enter" && (event.ctrlKey || event.metaKey) && text.value.trim())
-            place();
+            void place();
         }}
       />
       <div class="row">
-        <button type="submit" class="primary" disabled={!text.value.trim()}>
+        <button type="submit" class="primary" disabled={sending.value || !text.value.trim()}>
           Place the pin
         </button>
         <button type="button" class="quiet" onClick={() => (newPin.value = null)}>

@@ -9,6 +9,7 @@ import type { Kept } from "../room/pictures";
 import { bringBack, putDown, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { Choice, IconButton, Section } from "./controls";
+import { draftOf, sendDraft } from "./drafts";
 import { byOf, comparing, revisionNow, timeOf } from "./review-state";
 import { DifferencePicture, Picture } from "./room-picture";
 import { set } from "./store";
@@ -56,7 +57,8 @@ function Row({ one, now }: { one: Revision; now: number }) {
 }
 
 export function Revisions() {
-  const note = useSignal("");
+  const draft = draftOf("revision");
+  const note = draft.text;
   const all = useSignal(false);
   const now = state.value;
   if (!now) return null;
@@ -64,8 +66,7 @@ export function Revisions() {
   const list = [...now.revisions].reverse();
   const save = () => {
     putDown();
-    void act({ save: { note: note.value.trim() } });
-    note.value = "";
+    void sendDraft(draft, (said) => ({ save: { note: said } }));
   };
   return (
     <Section title="Revisions">
@@ -94,7 +95,7 @@ export function Revisions() {
             value={note.value}
             onInput={(event) => (note.value = event.currentTarget.value)}
           />
-          <button type="submit" disabled={present > 0}>
+          <button type="submit" disabled={draft.sending.value || present > 0}>
             Save this as a revision
           </button>
         </form>
@@ -105,7 +106,8 @@ export function Revisions() {
 
 /** Materials that the room keeps by name: one click shows one. */
 export function Variants() {
-  const name = useSignal("");
+  const draft = draftOf("variant");
+  const name = draft.text;
   const now = state.value;
   if (!now || (!now.variants.length && !mayReview.value)) return null;
   const material = now.scene?.material ?? "";
@@ -138,8 +140,7 @@ export function Variants() {
           onSubmit={(event) => {
             event.preventDefault();
             putDown();
-            void act({ variant: { name: name.value.trim(), material } });
-            name.value = "";
+            void sendDraft(draft, (said) => ({ variant: { name: said, material } }));
           }}
         >
           <input
@@ -148,7 +149,7 @@ export function Variants() {
             value={name.value}
             onInput={(event) => (name.value = event.currentTarget.value)}
           />
-          <button type="submit" disabled={!name.value.trim()}>
+          <button type="submit" disabled={draft.sending.value || !name.value.trim()}>
             Keep
           </button>
         </form>

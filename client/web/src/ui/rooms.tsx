@@ -78,7 +78,7 @@ export function Rooms({ close }: { close: () => void }) {
         onSubmit={(event) => {
           event.preventDefault();
           if (!name.value.trim()) return;
-          void createRoom(name.value.trim()).then(close);
+          void createRoom(name.value.trim()).then((made) => made && close());
         }}
       >
         <label>
