@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: MIT
 // What the page does where the browser lacks something or the daemon refuses. For page.mjs.
+import { writeFileSync } from "node:fs";
+import { join } from "node:path";
 import assert from "node:assert/strict";
 import { people, placePin } from "./people.mjs";
+import { png } from "./toy.mjs";
 
 // Requests of this type are refused until that is ended.
 const refuse = (page, type) =>
@@ -16,8 +19,8 @@ const refuse = (page, type) =>
 const permit = (page) => page.evaluate(() => delete globalThis.relightViewer.client.request);
 const ROOM_EDIT = 31;
 
-/** tools: open, mode, settled, shot, folder, PATIENCE of page.mjs. */
-export function faultScenarios({ open, mode, shot, PATIENCE }) {
+/** tools: open, mode, shot, folder, PATIENCE of page.mjs. */
+export function faultScenarios({ open, mode, shot, folder, PATIENCE }) {
   const { create, pin, rests } = people({ open, mode, PATIENCE });
   return {
     async "a link is copied without a clipboard, or shown"(home) {
@@ -78,6 +81,32 @@ export function faultScenarios({ open, mode, shot, PATIENCE }) {
       await ann.locator(".thread li").getByText("a longer thought").waitFor(PATIENCE);
       assert.equal(await reply.inputValue(), "");
       await ann.context().close();
+    },
+
+    async "the same file is chosen twice"(home) {
+      const page = await open(`${home}/#model=marble.prt`);
+      await mode(page, "mesh");
+      const sky = join(folder, "sky.png");
+      writeFileSync(
+        sky,
+        png(16, (u, v) => [v, v, 1]),
+      );
+      const input = page.locator(".gallery input[type=file]");
+      for (let i = 0; i < 2; i++) {
+        await page.getByRole("radio", { name: "Even" }).click();
+        await page.waitForFunction(
+          () => globalThis.relightViewer.state.lamps[0].env === "constant",
+        );
+        await input.setInputFiles(sky);
+        await page.waitForFunction(
+          () => globalThis.relightViewer.state.lamps[0].env.startsWith("env:"),
+          null,
+          PATIENCE,
+        );
+        // A browser tells of a choice where the value changes.
+        assert.equal(await input.inputValue(), "");
+      }
+      await page.context().close();
     },
   };
 }

@@ -913,7 +913,7 @@ const scenarios = {
   }),
   ...roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }),
   ...ownScenarios({ open, mode, shot, roomLog, bin, folder, PATIENCE }),
-  ...faultScenarios({ open, mode, settled, shot, folder, PATIENCE }),
+  ...faultScenarios({ open, mode, shot, folder, PATIENCE }),
   ...replicaScenarios({ open, mode, start, stop, daemon: () => daemon, folder, PATIENCE }),
   ...reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }),
 

@@ -5,6 +5,7 @@ import { useEffect } from "preact/hooks";
 import { Icon, IconButton, LinkField } from "./controls";
 import { copyLink, linkToCopy } from "./copy";
 import { state as room } from "../room/here";
+import { FileInput } from "./file-input";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
 import { Models, UploadSettings } from "./models";
@@ -252,12 +253,7 @@ function Empty() {
       {mayUpload.value && (
         <label class="file-button primary">
           <Icon name="plus" /> Choose a file
-          <input
-            type="file"
-            class="hidden-input"
-            accept=".glb,.gltf,.obj,.ply,.stl"
-            onChange={(event) => void takeFiles(event.currentTarget.files ?? [])}
-          />
+          <FileInput accept=".glb,.gltf,.obj,.ply,.stl" />
         </label>
       )}
     </div>

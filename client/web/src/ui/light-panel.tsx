@@ -7,6 +7,7 @@ import { roomId } from "../room/here";
 import { thumbnail } from "../scene/thumbnails";
 import { brightened, hexOf, strengthOf, tinted } from "../state/lamp-gain";
 import { Icon, IconButton, Section, Slider } from "./controls";
+import { FileInput } from "./file-input";
 import {
   addLamp,
   client,
@@ -17,7 +18,6 @@ import {
   scene,
   set,
   setLamp,
-  takeFiles,
 } from "./store";
 
 function Ball({ env }: { env: string }) {
@@ -171,12 +171,7 @@ export function LightPanel() {
                 <Icon name="plus" />
               </span>
               <span>HDR, EXR…</span>
-              <input
-                type="file"
-                class="hidden-input"
-                accept=".hdr,.exr,.png,.jpg,.jpeg"
-                onChange={(event) => void takeFiles(event.currentTarget.files ?? [])}
-              />
+              <FileInput accept=".hdr,.exr,.png,.jpg,.jpeg" />
             </label>
           )}
         </div>

@@ -7,6 +7,7 @@ import { modelPicture } from "../scene/thumbnails";
 import { PRESET_NAMES } from "../state/material";
 import { START } from "../scene/camera";
 import { Icon, IconButton } from "./controls";
+import { FileInput } from "./file-input";
 import {
   client,
   files,
@@ -16,7 +17,6 @@ import {
   openFile,
   scene,
   set,
-  takeFiles,
   uploadMaterial,
   uploadSizeMm,
 } from "./store";
@@ -114,15 +114,7 @@ export function Models({ close }: { close: () => void }) {
         <div class="bring">
           <label class="file-button">
             <Icon name="plus" /> Bring a model
-            <input
-              type="file"
-              class="hidden-input"
-              accept=".glb,.gltf,.obj,.ply,.stl"
-              onChange={(event) => {
-                close();
-                void takeFiles(event.currentTarget.files ?? []);
-              }}
-            />
+            <FileInput accept=".glb,.gltf,.obj,.ply,.stl" chosen={close} />
           </label>
           <UploadSettings />
         </div>
