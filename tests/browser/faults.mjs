@@ -108,5 +108,26 @@ export function faultScenarios({ open, mode, shot, folder, PATIENCE }) {
       }
       await page.context().close();
     },
+
+    async "a message about a file stays while frames come"(home) {
+      const page = await open(`${home}/#model=marble.prt&light=constant@0,0`);
+      await mode(page, "mesh");
+      const words = join(folder, "words.txt");
+      writeFileSync(words, "no model");
+      await page.locator(".gallery input[type=file]").setInputFiles(words);
+      const message = page.getByText(/words\.txt is no model/);
+      await message.waitFor(PATIENCE);
+      const frames = await page.evaluate(() => globalThis.relightViewer.status.frames);
+      await page.locator(".stage").focus();
+      await page.keyboard.press("Shift+ArrowRight");
+      await page.waitForFunction(
+        (n) => globalThis.relightViewer.status.frames > n,
+        frames,
+        PATIENCE,
+      );
+      await page.waitForTimeout(200);
+      assert.ok(await message.isVisible());
+      await page.context().close();
+    },
   };
 }

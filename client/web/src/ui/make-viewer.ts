@@ -23,5 +23,10 @@ export async function makeViewer(
       stage = null; // pictures of the daemon instead
     }
   }
-  return new Viewer(client, nodes, stage, { ...events, fault, fine });
+  const source = Symbol("view");
+  return new Viewer(client, nodes, stage, {
+    ...events,
+    fault: (error) => fault(error, source),
+    fine: () => fine(source),
+  });
 }

@@ -238,23 +238,31 @@ effect(() => {
 
 // ---- the daemon
 
-export function fault(error: unknown): void {
+let saidBy: symbol | null = null; // the source of the notice
+const CONNECTION = Symbol("connection");
+const LISTS = Symbol("lists");
+
+/** Says a fault. Of a source that goes on by itself, so that its end clears the notice; null: of
+ * what a person did once. */
+export function fault(error: unknown, source: symbol | null = null): void {
+  saidBy = source;
   notice.value = explain(error);
 }
-export function fine(): void {
-  if (notice.value && notice.value.kind !== "forbidden") notice.value = null;
+/** An earlier fault of this source has ended. */
+export function fine(source: symbol): void {
+  if (saidBy === source && notice.value?.kind !== "forbidden") notice.value = null;
 }
 
 function connectionChanged(state: ConnectionState): void {
   connection.value = state;
   if (state.is === "ready") {
-    notice.value = null;
+    if (saidBy === CONNECTION || notice.value?.kind === "offline") notice.value = null;
     void refresh();
     subscribe();
     viewer?.show(scene.value);
     void viewer?.open();
     for (const one of others) void one.open();
-  } else if (state.is === "refused") fault(state.error);
+  } else if (state.is === "refused") fault(state.error, CONNECTION);
 }
 
 /** Reads the lists of models and environments anew. */
@@ -270,9 +278,10 @@ export async function refresh(): Promise<void> {
     models.value = message.models;
     environments.value = message.environments;
     files.value = message.files.map((file) => file.path);
+    fine(LISTS);
     if (!scene.value.model) chooseFirst();
   } catch (error) {
-    if (client.hello) fault(error);
+    if (client.hello) fault(error, LISTS);
   }
 }
 /** Files of the daemon's models folder. */
