@@ -313,7 +313,7 @@ export class RelightViewerElement extends HTMLElement {
       {
         status: (status) => this.statusChanged(status),
         info: (info) => (this.info = info),
-        fault: (error) => this.fault(error),
+        fault: (error, again) => this.fault(error, again),
         fine: () => (this.message.hidden = true),
       },
     );
@@ -347,8 +347,8 @@ export class RelightViewerElement extends HTMLElement {
     this.message.textContent = text;
     this.message.hidden = false;
   }
-  private fault(error: Error): void {
-    const { title, text, remedy } = explain(error);
+  private fault(error: Error, again = false): void {
+    const { title, text, remedy } = explain(error, again);
     this.say([title, text, remedy].filter(Boolean).join(". "));
     this.tell("error", { title, text, remedy });
   }

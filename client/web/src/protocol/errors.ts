@@ -31,7 +31,6 @@ export interface Notice {
 }
 
 const byCode: Partial<Record<ErrorCode, [Notice["kind"], string, string]>> = {
-  [ErrorCode.ERROR_BUSY]: ["busy", "The daemon is busy", "It is tried again by itself."],
   [ErrorCode.ERROR_FORBIDDEN]: [
     "forbidden",
     "Not permitted",
@@ -60,9 +59,22 @@ const byCode: Partial<Record<ErrorCode, [Notice["kind"], string, string]>> = {
   ],
 };
 
-/** The fault in words for people: what happened, and what they can do. */
-export function explain(error: unknown): Notice {
+// The daemon's own hint is for programs.
+function explainBusy(error: RelightError, again: boolean): Notice {
+  const seconds = Math.max(1, Math.ceil(error.retryAfterMs / 1000));
+  return {
+    kind: "busy",
+    title: "The daemon is busy",
+    text: error.message,
+    remedy: again ? "It is tried again by itself." : `Try it again in ${seconds} s.`,
+  };
+}
+
+/** The fault in words for people: what happened, and what they can do. again: the request is repeated
+ * by itself. */
+export function explain(error: unknown, again = false): Notice {
   if (error instanceof RelightError) {
+    if (error.code === ErrorCode.ERROR_BUSY) return explainBusy(error, again);
     const [kind, title, remedy] = byCode[error.code] ?? ["fault", "That did not work", ""];
     return { kind, title, text: error.message, remedy: error.hint || remedy };
   }

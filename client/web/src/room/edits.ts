@@ -7,6 +7,7 @@ import {
   RoomEditRequestSchema,
   type RoomEditAnswer,
 } from "../gen/relight_pb";
+import { busyMs } from "../protocol/busy";
 import { DisconnectedError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { client, fault } from "../ui/store";
@@ -67,6 +68,11 @@ export async function pump(): Promise<void> {
       first.done(message);
     } catch (error) {
       if (error instanceof DisconnectedError) break; // the same number is done once
+      const wait = busyMs(error);
+      if (wait !== null) {
+        await new Promise((done) => setTimeout(done, wait));
+        continue;
+      }
       first.failed(error);
     }
     edits.shift();

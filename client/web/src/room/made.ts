@@ -2,6 +2,7 @@
 // The bake and the shape that the room's model has now: what decisions and pictures are about.
 import { computed, effect, signal } from "@preact/signals";
 import { InfoRequestSchema, ModelInfoSchema } from "../gen/relight_pb";
+import { whenFree } from "../protocol/busy";
 import { Type } from "../protocol/frame";
 import { client, connection, info, models } from "../ui/store";
 import { state } from "./here";
@@ -21,8 +22,10 @@ let turn = 0;
 async function ask(model: string): Promise<void> {
   const mine = ++turn;
   const answer = model
-    ? await client
-        .request(Type.Info, InfoRequestSchema, { model }, ModelInfoSchema)
+    ? await whenFree(
+        () => client.request(Type.Info, InfoRequestSchema, { model }, ModelInfoSchema),
+        () => mine === turn,
+      )
         .then(({ message }) => message)
         .catch(() => null)
     : null;

@@ -3,6 +3,7 @@
 // drawn again by the same build.
 import { ImageAnswerSchema, RoomPictureRequestSchema, type Drawn } from "../gen/relight_pb";
 import { difference, type Difference } from "../scene/color-difference";
+import { whenFree } from "../protocol/busy";
 import { Type } from "../protocol/frame";
 import { client } from "../ui/store";
 import { roomId, state } from "./here";
@@ -29,14 +30,18 @@ export interface Drawing {
 const pictures = new Map<string, Promise<Drawing>>();
 
 function ask(what: Kept, size: Size): Promise<Drawing> {
-  return client
-    .request(
+  const room = roomId.value;
+  const request = () =>
+    client.request(
       Type.RoomPicture,
       RoomPictureRequestSchema,
-      { room: roomId.value, ...what, ...size },
+      { room, ...what, ...size },
       ImageAnswerSchema,
-    )
-    .then(({ message, payload }) => ({ png: payload, drawn: message.drawn }));
+    );
+  return whenFree(request, () => roomId.value === room).then(({ message, payload }) => ({
+    png: payload,
+    drawn: message.drawn,
+  }));
 }
 /** Equal as long as the room's scene as it is gives the same picture. */
 export const presentKey = () => `${String(state.value?.sequence ?? "")} ${madeKey.value}`;

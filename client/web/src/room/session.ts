@@ -21,6 +21,7 @@ import {
   RoomRole,
   type RoomEvent,
 } from "../gen/relight_pb";
+import { busyMs, whenFree } from "../protocol/busy";
 import { DisconnectedError, RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import {
@@ -30,6 +31,7 @@ import {
   client,
   connection,
   fault,
+  fine,
   keepAddress,
   roomHistory,
   scene,
@@ -69,17 +71,22 @@ import {
 
 // ---- the list
 
+const ROOMS = Symbol("rooms");
+const askRooms = () =>
+  client.request(Type.RoomList, RoomListRequestSchema, {}, RoomListAnswerSchema);
+let listing = 0; // grows with every reading of the list: the newest waits for a busy daemon
+
 export async function listRooms(): Promise<void> {
+  const mine = ++listing;
   try {
-    const { message } = await client.request(
-      Type.RoomList,
-      RoomListRequestSchema,
-      {},
-      RoomListAnswerSchema,
-    );
+    const { message } = await whenFree(askRooms, (error) => {
+      if (mine === listing) fault(error, ROOMS, true);
+      return mine === listing;
+    });
     rooms.value = message.rooms;
+    fine(ROOMS);
   } catch (error) {
-    if (client.hello) fault(error);
+    if (client.hello && mine === listing) fault(error, ROOMS);
   }
 }
 
@@ -153,6 +160,7 @@ addEventListener("popstate", ({ state: entry }) => {
 // ---- the seat
 
 let lastSequence = 0n;
+const SEAT = Symbol("seat");
 let lost = false; // the connection was lost since the last state
 
 function leaveSeat(): void {
@@ -191,7 +199,9 @@ function sit(): void {
     },
     (error) => {
       if (seat.id !== mine || error instanceof DisconnectedError) return;
-      if (error) fault(error);
+      const wait = busyMs(error);
+      if (error) fault(error, SEAT, wait !== null);
+      if (wait !== null) setTimeout(() => seat.id === mine && sit(), wait);
       const gone =
         error instanceof RelightError &&
         (error.code === ErrorCode.ERROR_NOT_FOUND || error.code === ErrorCode.ERROR_FORBIDDEN);
@@ -203,6 +213,7 @@ function sit(): void {
 function takeState(payload: Uint8Array): void {
   const next = fromBinary(RoomStateSchema, payload);
   const first = state.value === null;
+  fine(SEAT);
   state.value = next;
   lastSequence = next.sequence;
   if (first) {
@@ -237,8 +248,9 @@ function fetchState(): void {
   clearTimeout(fetching);
   fetching = setTimeout(() => {
     const id = roomId.value;
-    client
-      .request(Type.RoomGet, RoomGetRequestSchema, { room: id }, RoomGetAnswerSchema)
+    const ask = () =>
+      client.request(Type.RoomGet, RoomGetRequestSchema, { room: id }, RoomGetAnswerSchema);
+    whenFree(ask, () => id === roomId.value)
       .then(({ message, payload }) => {
         // Older than what is shown: the events behind it bring a newer one.
         if (id !== roomId.value || message.sequence < lastSequence) return;
@@ -246,7 +258,7 @@ function fetchState(): void {
         takeState(payload);
       })
       .catch((error: unknown) => {
-        if (!(error instanceof DisconnectedError)) fault(error);
+        if (!(error instanceof DisconnectedError) && id === roomId.value) fault(error);
       });
   }, 0);
 }

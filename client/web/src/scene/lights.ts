@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Lights of a scene: as cube maps for the browser, as Light messages for the daemon.
 import { EnvAnswerSchema, EnvRequestSchema } from "../gen/relight_pb";
+import { whenFree } from "../protocol/busy";
 import type { Client } from "../protocol/client";
 import { Type, words } from "../protocol/frame";
 import type { LampState } from "../state/scene-state";
@@ -30,13 +31,13 @@ export function environmentCube(
   const key = `${env}/${side}`;
   let cube = fetched.get(key);
   if (!cube) {
-    cube = client
-      .request(Type.Env, EnvRequestSchema, { env, cubeN: side }, EnvAnswerSchema)
-      .then(({ message, payload }) => {
-        const n = message.cubeN;
-        if (!n) throw new Error("this daemon does not send environments (feature env-cube)");
-        return { n, texel: decodeRgb9e5(words(payload, 0, 6 * n * n)) };
-      });
+    const ask = () =>
+      client.request(Type.Env, EnvRequestSchema, { env, cubeN: side }, EnvAnswerSchema);
+    cube = whenFree(ask).then(({ message, payload }) => {
+      const n = message.cubeN;
+      if (!n) throw new Error("this daemon does not send environments (feature env-cube)");
+      return { n, texel: decodeRgb9e5(words(payload, 0, 6 * n * n)) };
+    });
     fetched.set(key, cube);
     cube.catch(() => fetched.delete(key));
     const oldest = fetched.keys().next().value;

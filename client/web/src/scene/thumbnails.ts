@@ -6,6 +6,7 @@ import {
   ImageRequestSchema,
   Priority,
 } from "../gen/relight_pb";
+import { whenFree } from "../protocol/busy";
 import type { Client } from "../protocol/client";
 import { Type } from "../protocol/frame";
 import { FIRST_LAMP } from "../state/scene-state";
@@ -55,25 +56,27 @@ async function draw(client: Client, env: string): Promise<ImageData> {
 /** A small JPEG of a model as a data URL. */
 export async function modelPicture(client: Client, model: string): Promise<string> {
   const { lights, payload } = await lightMessages(client, [{ ...FIRST_LAMP, rotate: 20 }]);
-  const answer = await client.request(
-    Type.Image,
-    ImageRequestSchema,
-    {
-      model,
-      lights,
-      priority: Priority.BULK,
-      picture: {
-        width: 192,
-        height: 144,
-        format: ImageFormat.IMAGE_JPEG,
-        quality: 85,
-        plainBackground: true,
-        background: { x: 0.018, y: 0.019, z: 0.022 },
+  const ask = () =>
+    client.request(
+      Type.Image,
+      ImageRequestSchema,
+      {
+        model,
+        lights,
+        priority: Priority.BULK,
+        picture: {
+          width: 192,
+          height: 144,
+          format: ImageFormat.IMAGE_JPEG,
+          quality: 85,
+          plainBackground: true,
+          background: { x: 0.018, y: 0.019, z: 0.022 },
+        },
       },
-    },
-    ImageAnswerSchema,
-    payload,
-  );
+      ImageAnswerSchema,
+      payload,
+    );
+  const answer = await whenFree(ask);
   return new Promise((resolve, reject) => {
     const reader = new FileReader();
     reader.onload = () => resolve(String(reader.result));

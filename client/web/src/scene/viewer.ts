@@ -35,6 +35,7 @@ import {
   type DipoleError,
   type ErrorPlaces,
 } from "./error-map";
+import { busyMs, whenFree } from "../protocol/busy";
 import { RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { meanTransmittance, parseMedium, surfaceOf } from "../state/material";
@@ -78,8 +79,8 @@ export const NO_STATUS: Status = {
 export interface ViewerEvents {
   status: (status: Status) => void;
   info: (info: ModelInfo | null) => void;
-  /** A request that failed; the picture stays as it was. */
-  fault: (error: Error) => void;
+  /** A request that failed; the picture stays as it was. again: it is repeated by itself. */
+  fault: (error: Error, again?: boolean) => void;
   /** Called when an earlier fault has ended. */
   fine: () => void;
 }
@@ -288,7 +289,7 @@ export class Viewer {
       if (this.lit === lights) this.stage?.setLamps(lamps);
     } catch (error) {
       if (this.lit === lights) this.lit = "";
-      this.events.fault(error as Error);
+      this.failed(error);
     }
   }
 
@@ -324,8 +325,20 @@ export class Viewer {
       if (current()) this.follow(info);
       if (current()) this.events.fine();
     } catch (error) {
-      if (current()) this.events.fault(error as Error);
+      if (current()) this.failed(error);
     }
+  }
+
+  // A model that a busy daemon refused, or a change of its view, is opened anew when the daemon says:
+  // a view that is opened has the whole state.
+  private failed(error: unknown): void {
+    const wait = busyMs(error);
+    this.events.fault(error as Error, wait !== null);
+    if (wait === null) return;
+    const turn = this.opening;
+    setTimeout(() => {
+      if (turn === this.opening) void this.open();
+    }, wait);
   }
 
   private forget(): void {
@@ -383,7 +396,7 @@ export class Viewer {
     if (!source.images.size) return;
     this.maps++;
     try {
-      const images = await fetchImages(this.client, model, source.images);
+      const images = await whenFree(() => fetchImages(this.client, model, source.images));
       if (this.mesh === source.mesh) this.stage?.setMaps(images);
     } catch (error) {
       this.events.fault(error as Error);
@@ -397,11 +410,15 @@ export class Viewer {
   private async fetchFactors(info: ModelInfo, current: () => boolean): Promise<void> {
     if (!this.awaitsFactors) return;
     try {
-      const { message, payload } = await this.client.request(
-        Type.Factors,
-        FactorsRequestSchema,
-        { model: info.model, exits: true },
-        FactorsAnswerSchema,
+      const { message, payload } = await whenFree(
+        () =>
+          this.client.request(
+            Type.Factors,
+            FactorsRequestSchema,
+            { model: info.model, exits: true },
+            FactorsAnswerSchema,
+          ),
+        current,
       );
       if (!current()) return;
       const { Factors } = await import("./factors");
@@ -481,7 +498,7 @@ export class Viewer {
           : "No bake yet: the daemon draws a preview.";
     this.view = new LightView(this.client, info.model, colors, first, payload, {
       frame: (frame, bytes, latency) => this.received(frame, bytes, latency, colors, why),
-      error: (error) => this.events.fault(error),
+      error: (error) => this.failed(error),
     });
     const levels = !colors || isCoefficients(this.sentFormat);
     this.view.useLevels(levels);

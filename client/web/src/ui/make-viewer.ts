@@ -26,7 +26,7 @@ export async function makeViewer(
   const source = Symbol("view");
   return new Viewer(client, nodes, stage, {
     ...events,
-    fault: (error) => fault(error, source),
+    fault: (error, again) => fault(error, source, again),
     fine: () => fine(source),
   });
 }

@@ -15,6 +15,7 @@ import {
   type EnvironmentEntry,
   type ModelInfo,
 } from "../gen/relight_pb";
+import { busyMs, whenFree } from "../protocol/busy";
 import { Client, type ConnectionState } from "../protocol/client";
 import { explain, type Notice } from "../protocol/errors";
 import { Type } from "../protocol/frame";
@@ -243,10 +244,10 @@ const CONNECTION = Symbol("connection");
 const LISTS = Symbol("lists");
 
 /** Says a fault. Of a source that goes on by itself, so that its end clears the notice; null: of
- * what a person did once. */
-export function fault(error: unknown, source: symbol | null = null): void {
+ * what a person did once. again: the request is repeated by itself. */
+export function fault(error: unknown, source: symbol | null = null, again = false): void {
   saidBy = source;
-  notice.value = explain(error);
+  notice.value = explain(error, again);
 }
 /** An earlier fault of this source has ended. */
 export function fine(source: symbol): void {
@@ -265,23 +266,30 @@ function connectionChanged(state: ConnectionState): void {
   } else if (state.is === "refused") fault(state.error, CONNECTION);
 }
 
+const list = () =>
+  client.request(
+    Type.List,
+    ListRequestSchema,
+    { environments: true, files: true },
+    ListAnswerSchema,
+  );
+let reading = 0; // grows with every reading of the lists: the newest waits for a busy daemon
 /** Reads the lists of models and environments anew. */
 export async function refresh(): Promise<void> {
   if (client.hello?.principal.startsWith("guest:")) return; // a room alone
+  const mine = ++reading;
   try {
-    const { message } = await client.request(
-      Type.List,
-      ListRequestSchema,
-      { environments: true, files: true },
-      ListAnswerSchema,
-    );
+    const { message } = await whenFree(list, (error) => {
+      if (mine === reading) fault(error, LISTS, true);
+      return mine === reading;
+    });
     models.value = message.models;
     environments.value = message.environments;
     files.value = message.files.map((file) => file.path);
     fine(LISTS);
     if (!scene.value.model) chooseFirst();
   } catch (error) {
-    if (client.hello) fault(error, LISTS);
+    if (client.hello && mine === reading) fault(error, LISTS);
   }
 }
 /** Files of the daemon's models folder. */
@@ -319,8 +327,9 @@ export async function openFile(path: string): Promise<void> {
 }
 
 let refreshTimer: ReturnType<typeof setTimeout> | undefined;
+let subscription = 0n;
 function subscribe(): void {
-  client.stream(
+  const mine = (subscription = client.stream(
     Type.Subscribe,
     SubscribeRequestSchema,
     {
@@ -338,8 +347,11 @@ function subscribe(): void {
       clearTimeout(refreshTimer);
       refreshTimer = setTimeout(() => void refresh(), 250);
     },
-    () => undefined,
-  );
+    (error) => {
+      const wait = busyMs(error);
+      if (wait !== null) setTimeout(() => subscription === mine && subscribe(), wait);
+    },
+  ));
 }
 
 // ---- uploads
