@@ -102,3 +102,14 @@ test("a seat in a room is taken again", async () => {
   expect(here.state.value?.room).toBe("r2");
   session.leave();
 });
+
+test("a light of the page that a room needs is uploaded again", async () => {
+  session.enter("r3");
+  tellState(daemon, { room: "r3", sequence: 1n, scene: { model: "a".repeat(32) } });
+  const times = refuseFirst(Type.PutBlob, 1, { complete: true, hash: "b".repeat(64) });
+  store.set({ lamps: [{ env: "page:rim", rotate: 0, tilt: 0, gain: [1, 1, 1] }] });
+  await new Promise((done) => setTimeout(done, 1200));
+  expect(times.length).toBe(2);
+  expect(store.notice.value).toBeNull();
+  session.leave();
+});

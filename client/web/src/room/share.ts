@@ -3,6 +3,7 @@
 // it by presence; when it rests one edit keeps it.
 import { effect, untracked } from "@preact/signals";
 import { Engine, ErrorCode, type Participant, type Scene, type Shade } from "../gen/relight_pb";
+import { whenFree } from "../protocol/busy";
 import { RelightError } from "../protocol/errors";
 import { upload } from "../protocol/upload";
 import { beginHistory, change, client, fault, info, scene, status, viewer } from "../ui/store";
@@ -50,7 +51,7 @@ function bringLights(): void {
     const bytes = builtinFile(env);
     if (!bytes || !client.can("upload")) continue;
     sending.add(env);
-    upload(client, `${env.slice(5)}.hdr`, bytes)
+    whenFree(() => upload(client, `${env.slice(5)}.hdr`, bytes))
       .then((hash) => {
         uploads.set(env, `env:${hash}`);
         share();

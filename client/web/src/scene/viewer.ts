@@ -232,7 +232,10 @@ export class Viewer {
     this.surfaceOf = key;
     this.surface = null;
     try {
-      const { mesh } = await fetchMesh(this.client, info.model, "", false);
+      const { mesh } = await whenFree(
+        () => fetchMesh(this.client, info.model, "", false),
+        () => key === this.surfaceOf,
+      );
       if (key !== this.surfaceOf) return;
       this.surface = mesh;
       this.setStatus({ ...this.status });
@@ -690,7 +693,10 @@ export class Viewer {
     const mesh = this.mesh;
     try {
       const coarse = await import("./coarse-order");
-      const order = await coarse.fetchOrder(this.client, info.model);
+      const order = await whenFree(
+        () => coarse.fetchOrder(this.client, info.model),
+        () => this.mesh === mesh,
+      );
       if (this.mesh !== mesh) return;
       this.expand = coarse.expanded;
       this.order = order;
