@@ -143,3 +143,18 @@ test("the model that the page chooses first is in the address, without a new ent
   expect(browser.entry.url).toContain("#model=bunny");
   expect(browser.entries.length).toBe(entries);
 });
+
+test("so is a file that the page loads first: Back does not go to a page without a model", async () => {
+  store.change({ model: "" });
+  const entries = browser.entries.length;
+  daemon.answer = (type) =>
+    type === Type.Load
+      ? { model: "c".repeat(32) }
+      : { models: [], environments: [], files: [{ path: "marble.prt" }] };
+  await store.refresh();
+  await turn();
+  expect(store.scene.value.model).toBe("c".repeat(32));
+  expect(browser.entry.url).toContain(`#model=${"c".repeat(32)}`);
+  expect(browser.entries.length).toBe(entries);
+  expect(store.canUndo.value).toBe(false);
+});

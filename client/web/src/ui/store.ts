@@ -317,7 +317,10 @@ export async function openFile(path: string): Promise<void> {
       { path },
       LoadAnswerSchema,
     );
-    set({ model: message.model, material: "", materials: {}, variant: "" });
+    const isFirst = !scene.value.model;
+    change({ model: message.model, material: "", materials: {}, variant: "" });
+    if (isFirst) beginHistory();
+    else commit();
     await refresh();
   } catch (error) {
     fault(error);
