@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What a busy daemon refuses is repeated when it says, and the words say so where it is true.
 import { beforeEach, expect, test } from "vitest";
-import { fakeDaemon, tellState } from "./fake-browser";
+import { browser, fakeDaemon, tellState } from "./fake-browser";
 import { ErrorCode } from "../src/gen/relight_pb";
 import { busyMs, whenFree } from "../src/protocol/busy";
 import { explain, RelightError } from "../src/protocol/errors";
@@ -83,7 +83,12 @@ test("a change in a room is sent again, with the same number", async () => {
   here.roomId.value = "r1";
   daemon.asked = [];
   refuseFirst(Type.RoomEdit, 1, { sequence: 4n });
-  await edit({ save: { note: "as it came" } });
+  const kept = edit({ save: { note: "as it came" } });
+  expect(browser.closing()).toBe(false); // it is on its way
+  await new Promise((done) => setTimeout(done, 50));
+  expect(browser.closing()).toBe(true); // the daemon has not taken it
+  await kept;
+  expect(browser.closing()).toBe(false);
   const numbers = daemon.asked.map(({ init }) => init["number"]);
   expect(numbers.length).toBe(2);
   expect(numbers[0]).toBe(numbers[1]);

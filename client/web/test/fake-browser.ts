@@ -44,6 +44,13 @@ class FakeWindow {
     this.at += by;
     this.popped();
   }
+  /** A person closes the page; whether the browser asks first. */
+  closing(): boolean {
+    let asks = false;
+    const event = { preventDefault: () => (asks = true) };
+    for (const listener of this.heard.get("beforeunload") ?? []) listener(event);
+    return asks;
+  }
   /** A person types a fragment into the address. */
   type(fragment: string): void {
     this.put(null, fragment, true);

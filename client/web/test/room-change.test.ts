@@ -71,6 +71,7 @@ test("threads, tools and comparisons of a room end with it", () => {
     review.comparing.value = { a: { revision: 1 }, b: {} };
     review.tool.value = "draw";
     review.printing.value = true;
+    review.drawn.value = [{ triangle: 0, object: 0, b1: 0, b2: 0, position: [0, 0, 0] }];
     here.conflict.value = "Theirs is shown.";
   };
   const shown = () => [
@@ -79,15 +80,16 @@ test("threads, tools and comparisons of a room end with it", () => {
     review.comparing.value,
     review.tool.value,
     review.printing.value,
+    review.drawn.value.length,
     here.conflict.value,
   ];
   sitIn("r1", 0);
   open();
   sitIn("r2", 0);
-  expect(shown()).toEqual([null, null, null, "none", false, ""]);
+  expect(shown()).toEqual([null, null, null, "none", false, 0, ""]);
   open();
   session.leave();
-  expect(shown()).toEqual([null, null, null, "none", false, ""]);
+  expect(shown()).toEqual([null, null, null, "none", false, 0, ""]);
   expect(here.mayReview.value).toBe(false);
 });
 
@@ -113,4 +115,25 @@ test("a change of one room that has no answer does not hide the scene of the nex
   await turn();
   expect(daemon.asked.filter(({ type }) => type === Type.RoomEdit).length).toBe(1);
   expect(store.scene.value.lamps[0]?.rotate).toBe(70);
+});
+
+test("a light that the daemon refused is not sent at every change", async () => {
+  const turned = (rotate: number) => [
+    { env: "page:rim", rotate, tilt: 0, gain: [1, 1, 1] as [number, number, number] },
+  ];
+  const sent = () => daemon.asked.filter(({ type }) => type === Type.PutBlob).length;
+  daemon.answer = (type) => {
+    if (type === Type.PutBlob) throw new Error("the disk is full");
+    return {};
+  };
+  sitIn("r7", 0);
+  store.set({ lamps: turned(10) });
+  await turn();
+  const first = sent();
+  expect(first).toBeGreaterThan(0);
+  store.notice.value = null;
+  store.set({ lamps: turned(20) });
+  await turn();
+  expect(sent()).toBe(first);
+  expect(store.notice.value).toBeNull();
 });

@@ -50,7 +50,7 @@ export async function pump(): Promise<void> {
   pumping = true;
   while (edits[0] && client.hello) {
     const first = edits[0];
-    first.sent = true;
+    first.sent = true; // again after a refusal: what took its place meanwhile goes with it
     try {
       const { message } = await client.request(
         Type.RoomEdit,
@@ -70,6 +70,7 @@ export async function pump(): Promise<void> {
       if (error instanceof DisconnectedError) break; // the same number is done once
       const wait = busyMs(error);
       if (wait !== null) {
+        first.sent = false;
         await new Promise((done) => setTimeout(done, wait));
         continue;
       }
@@ -100,7 +101,9 @@ export async function act(action: ActionInit): Promise<RoomEditAnswer | null> {
   }
 }
 
-// A page that is closed while edits wait would lose them: the browser asks first.
+// A page that is closed while edits wait would lose them: the browser asks first. One that was sent
+// and awaits its answer is the daemon's.
 addEventListener("beforeunload", (event) => {
-  if (edits.length && !client.hello) event.preventDefault();
+  if (edits.some(({ sent }) => !sent) || (edits.length && !client.hello))
+    event.preventDefault();
 });

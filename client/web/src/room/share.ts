@@ -4,7 +4,7 @@
 import { effect, untracked } from "@preact/signals";
 import { Engine, ErrorCode, type Participant, type Scene, type Shade } from "../gen/relight_pb";
 import { whenFree } from "../protocol/busy";
-import { RelightError } from "../protocol/errors";
+import { DisconnectedError, RelightError } from "../protocol/errors";
 import { upload } from "../protocol/upload";
 import { beginHistory, change, client, fault, info, scene, status, viewer } from "../ui/store";
 import {
@@ -30,6 +30,7 @@ const MOST_MS = 10_000; // one that does not rest is kept so often
 let shared: SceneInit | null = null; // as all see it; null: nothing is sent
 const uploads = new Map<string, string>(); // "page:ID" to "env:HASH"
 const sending = new Set<string>();
+const refused = new Set<string>(); // lights that the daemon did not take
 const held = new Set<PartName>(); // what this hand moved since its last edit
 const hands = new Map<PartName, { key: bigint; scene: Scene }>(); // what others move now
 let heldSince = 0;
@@ -47,7 +48,8 @@ export function useRoom(fetch: () => void, sequence: () => bigint): void {
 
 function bringLights(): void {
   for (const { env } of scene.value.lamps) {
-    if (!env.startsWith("page:") || uploads.has(env) || sending.has(env)) continue;
+    if (!env.startsWith("page:") || uploads.has(env)) continue;
+    if (sending.has(env) || refused.has(env)) continue;
     const bytes = builtinFile(env);
     if (!bytes || !client.can("upload")) continue;
     sending.add(env);
@@ -56,7 +58,10 @@ function bringLights(): void {
         uploads.set(env, `env:${hash}`);
         share();
       })
-      .catch(fault)
+      .catch((error: unknown) => {
+        if (!(error instanceof DisconnectedError)) refused.add(env);
+        fault(error);
+      })
       .finally(() => sending.delete(env));
   }
 }
@@ -290,6 +295,7 @@ export function forgetRoom(): void {
   hands.clear();
   shared = own = null;
   cameraWaits = false;
+  refused.clear();
 }
 
 // Not at every change of `state`: what others changed is shown by showParts, and until then it

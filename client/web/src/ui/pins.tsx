@@ -3,7 +3,7 @@
 // model places a pin or draws.
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { signal, useSignal } from "@preact/signals";
+import { useSignal } from "@preact/signals";
 import type { Participant, SurfacePoint } from "../gen/relight_pb";
 import type { Placed, Vec3 } from "../scene/camera";
 import { facesAway, type Anchor } from "../room/anchor";
@@ -12,7 +12,7 @@ import { act } from "../room/edits";
 import { colorOf, css, me, others, state } from "../room/here";
 import { pick, project, type Point } from "../room/pick";
 import { tell } from "../room/presence";
-import { newPin, openPin, pinLabel, shownPins, tool } from "./review-state";
+import { drawn, newPin, openPin, pinLabel, shownPins, tool } from "./review-state";
 import { fault, info, scene, status, viewer } from "./store";
 
 const MOST_POINTS = 2000; // of a stroke
@@ -23,9 +23,6 @@ interface Size {
   w: number;
   h: number;
 }
-/** Points of the stroke that is being drawn. */
-const drawn = signal<Point[]>([]);
-
 function pointUnder(event: PointerEvent, box: DOMRect): Point | null {
   const mesh = viewer?.shape;
   if (!mesh || !viewer) return null;

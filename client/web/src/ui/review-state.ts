@@ -17,8 +17,12 @@ export const printing = signal(false);
 /** Two scenes of the room that are compared. */
 export const comparing = signal<{ a: Kept; b: Kept } | null>(null);
 
+/** Points of the stroke that is being drawn. */
+export const drawn = signal<Point[]>([]);
+
 /** The room was left. */
 export function forgetReview(): void {
+  drawn.value = [];
   tool.value = "none";
   newPin.value = openPin.value = comparing.value = null;
   printing.value = false;
