@@ -154,6 +154,26 @@ def views(c, model):
     fails("CANCELLED", view.next, 1)
 
 
+def addresses():
+    """As librelight reads them: a host of IPv6 is in brackets, a port has 16 bits."""
+    for wrong in ("", "tcp:", "tls:", "unix:", "http://localhost", "tcp:::1", "tcp:::1:7413", "tcp:[::1",
+                  "tcp:[::1]7413", "tcp:[]:1", "tcp::7413", "tcp:localhost:", "tcp:localhost:65536",
+                  "tcp:localhost:123456", "tcp:localhost:-1", "tcp:localhost:x",
+                  "tcp:" + 70 * "a"):
+        fails("ARGUMENT", relight.connection.connect, wrong, None, 5)
+    assert "tcp:[::1]" in fails("ARGUMENT", relight.Client, "tcp:::1").hint
+    fails("UNREACHABLE", relight.Client, "tcp:127.0.0.1:1")
+    for family, host, written in ((socket.AF_INET, "127.0.0.1", "127.0.0.1"), (socket.AF_INET6, "::1", "[::1]")):
+        with socket.socket(family) as listener:
+            try:
+                listener.bind((host, 0))
+            except OSError:
+                continue  # a machine without IPv6
+            listener.listen()
+            port = listener.getsockname()[1]
+            relight.connection.connect("tcp:%s:%d" % (written, port), None, 5).close()
+
+
 def a_frame_in_two_pieces(folder):
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(folder + "/pieces")
@@ -198,11 +218,9 @@ def links_and_errors(c, d, model):
     fails("NOT_FOUND", c.colors, model, "nowhere")
     fails("ARGUMENT", c.colors, model, np.ones((6, 16, 3), np.float32))
     fails("UNREACHABLE", relight.Client, "unix:/nonexistent")
-    try:
-        c.colors(model, "constant", term="half")
-        raise AssertionError("a term that there is not")
-    except ValueError as error:
-        assert "single" in str(error)
+    assert "single" in str(fails("ARGUMENT", c.colors, model, "constant", term="half"))
+    for wrong in ({"samplez": 1}, {"samples": "many"}, {"samples": -1}, {"transport": "bus"}):
+        fails("ARGUMENT", c.load, path="ball.obj", **wrong)
     assert c.colors(model, "constant").shape == (6, 3)
     d.stop()
     fails("DISCONNECTED", c.ping)
@@ -210,6 +228,7 @@ def links_and_errors(c, d, model):
 
 
 def main():
+    addresses()
     d = Daemon(sys.argv[1])
     try:
         with relight.Client("unix:" + d.folder + "/s", timeout=60) as c:
@@ -220,6 +239,7 @@ def main():
             views(c, model)
             a_frame_in_two_pieces(d.folder)
             a_view_that_fails(c, model)
+            os.mkdir(d.folder + "/ball")  # a folder of the model's name is no file to upload
             example = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "client",
                                    "python", "examples", "turn_light.py")
             done = subprocess.run([sys.executable, example, "ball", "constant", "3"], cwd=d.folder,

@@ -19,7 +19,7 @@ def main() -> int:
     model, env, steps = sys.argv[1], sys.argv[2], int(sys.argv[3]) if len(sys.argv) == 4 else 8
     try:
         with relight.Client() as client:
-            if os.path.exists(model):
+            if os.path.isfile(model):
                 model = client.load(model, size_mm=50, material="marble", progress=lambda p: print(
                     "\r%s %3.0f %%   " % (p.stage, 100 * p.fraction), end="", file=sys.stderr))
             colors = np.stack([client.colors(model, env, rotate=360 * i / steps, format="coefficients")

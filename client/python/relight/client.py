@@ -152,8 +152,9 @@ def _model(m: Any) -> Model:
 class Client:
     """A connection to a relightd. One thread at a time; several clients may be used at once.
 
-    address: "tcp:HOST[:PORT]", "tls:HOST[:PORT]" or "unix:PATH"; None: $RELIGHT_SERVER, else the
-    unix socket of this user's daemon, else port 7413 of this machine. token: None: $RELIGHT_TOKEN.
+    address: "tcp:HOST[:PORT]", "tls:HOST[:PORT]" or "unix:PATH", a HOST of IPv6 in brackets; None:
+    $RELIGHT_SERVER, else the unix socket of this user's daemon, else port 7413 of this machine.
+    token: None: $RELIGHT_TOKEN.
     ca: a PEM file of the certificates that may sign the server's (tls). timeout: seconds for each
     call, sent to the daemon as its deadline; None: wait. Every call raises RelightError.
     """
@@ -289,7 +290,10 @@ class Client:
         for key, value in bake.items():
             if key in ("transport", "storage"):
                 value = enum(key.capitalize(), key.upper() + "_", value)
-            setattr(request.bake, key, value)
+            try:
+                setattr(request.bake, key, value)
+            except (AttributeError, TypeError, ValueError) as fault:
+                raise RelightError("ARGUMENT", "%s=%r: %s" % (key, value, fault)) from fault
         loaded = self._call("LOAD", request).message
         if wait and loaded.job:
             self.watch(loaded.job, progress)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import ssl
 import struct
 import time
 from collections import deque
-from typing import Any, Deque, Dict, NamedTuple, Optional
+from typing import Any, Deque, Dict, NamedTuple, Optional, Tuple
 
 from .errors import RelightError
 from .messages import message
@@ -44,27 +45,36 @@ def default_address() -> str:
     return named or ("unix:" + local if os.path.exists(local) else "tcp:127.0.0.1:7413")
 
 
+def split_host(text: str) -> Optional[Tuple[str, int]]:
+    """HOST, HOST:PORT, [V6] or [V6]:PORT."""
+    found = re.fullmatch(r"(?:\[([^\]]+)\]|([^\[:][^:]*))(?::([0-9]{1,5}))?", text)
+    if not found or int(found[3] or 0) > 65535:
+        return None
+    return found[1] or found[2], int(found[3] or 7413)
+
+
 def connect(address: str, ca: Optional[str], timeout: Optional[float]) -> socket.socket:
     kind, _, rest = address.partition(":")
+    place = split_host(rest) if kind in ("tcp", "tls") else None
+    if not place and (kind != "unix" or not rest):
+        raise RelightError("ARGUMENT", "%s: expected tcp:HOST[:PORT], tls:HOST[:PORT] or unix:PATH" % address,
+                           "an IPv6 address is written in brackets: tcp:[::1]:7413"
+                           if kind in ("tcp", "tls") else "")
     try:
-        if kind == "unix" and rest:
+        if not place:
             unix = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             unix.settimeout(timeout)
             unix.connect(rest)
             return unix
-        host, colon, port = rest.rpartition(":")
-        if kind not in ("tcp", "tls") or not rest:
-            raise ValueError("address %r: expected tcp:HOST[:PORT], tls:HOST[:PORT] or unix:PATH" % address)
-        if not colon or not port.isdigit():
-            host, port = rest, "7413"
-        host = host.strip("[]")
-        plain = socket.create_connection((host, int(port)), timeout or 5)
+        plain = socket.create_connection(place, timeout or 5)
         plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if kind == "tcp":
             return plain
-        return ssl.create_default_context(cafile=ca).wrap_socket(plain, server_hostname=host)
+        return ssl.create_default_context(cafile=ca).wrap_socket(plain, server_hostname=place[0])
     except OSError as fault:
         raise RelightError("UNREACHABLE", "%s: %s" % (address, fault)) from fault
+    except ValueError as fault:  # a name that no host can have
+        raise RelightError("ARGUMENT", "%r: %s" % (address, fault)) from fault
 
 
 class Connection:

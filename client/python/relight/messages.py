@@ -7,6 +7,8 @@ from typing import Any, Dict
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
+from .errors import RelightError
+
 _POOL = descriptor_pool.DescriptorPool()
 _made: Dict[str, Any] = {}
 
@@ -40,7 +42,7 @@ def enum(name: str, prefix: str, word: str) -> int:
     value = values.get(prefix + word.upper())
     if value is None:
         words = ", ".join(sorted(v.removeprefix(prefix).lower() for v in values))
-        raise ValueError("%r is none of %s" % (word, words))
+        raise RelightError("ARGUMENT", "%r is none of %s" % (word, words))
     return int(value.number)
 
 
