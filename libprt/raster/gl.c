@@ -401,9 +401,16 @@ static void draw_samples(struct driver *d, struct gl_draw *draw, const struct ta
     }
 }
 
+// Errors that a call before left behind, such as a size that the driver refused.
+static void forget_errors(const struct gl *gl)
+{
+    for (int i = 0; i < 16 && gl->GetError(); i++) continue;
+}
+
 static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_draw *draw)
 {
     const struct gl *gl = &d->gl;
+    forget_errors(gl);
     // bands of at most 4 Mi pixels bound the memory of multi-sampled targets; chosen, not
     // measured
     uint32_t band = (1u << 22) / draw->width;
@@ -446,7 +453,10 @@ int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend
         struct driver *d = order[i];
         pthread_mutex_lock(&d->lock);
         if (driver_ready(d)) {
-            int status = make_current(d, true) ? draw_all(ctx, d, draw) : PRT_INTERNAL;
+            int status = make_current(d, true)
+                             ? draw_all(ctx, d, draw)
+                             : prt_fail(ctx, PRT_INTERNAL,
+                                        "raster: the GL context cannot be made current");
             make_current(d, false);
             pthread_mutex_unlock(&d->lock);
             return status;

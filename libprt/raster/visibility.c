@@ -107,13 +107,13 @@ static void fill_point(const struct builder *b, uint32_t triangle, const double 
                       e1[0] * e2[1] - e1[1] * e2[0]};
     double facing = face[0] * to_eye[0] + face[1] * to_eye[1] + face[2] * to_eye[2];
     double l = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    if (!(l > 1e-6)) {
+    bool cancelled = !(l > 1e-6);
+    if (cancelled) {
         memcpy(n, to_eye, sizeof n);
         l = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        facing = 1;
     }
     if (!(l > 0)) l = 1;
-    if (facing < 0)
+    if (facing < 0 && !cancelled)
         l = -l; // the back of an open surface: the normal is flipped towards the eye
     for (int i = 0; i < 3; i++) p->normal[i] = (float)(n[i] / l);
     double f2 = face[0] * face[0] + face[1] * face[1] + face[2] * face[2];

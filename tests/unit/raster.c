@@ -2,6 +2,7 @@
 // raster/: coverage, barycentrics, hidden surfaces, anti-aliasing, Fresnel, specular, tone map.
 // Above 600 lines: short cases that share small meshes and their camera.
 #include "prt/raster.h"
+#include "raster/internal.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -540,6 +541,68 @@ static void fresnel_at_normal_incidence(void **state)
     }
 }
 
+// Where the normals of a triangle cancel, the point looks at the eye, and its cosine is that of
+// the triangle, however small the triangle is. It was 2.5 here, and reflections were NaN.
+static void normals_that_cancel(void **state)
+{
+    struct scene s;
+    struct prt_cube sky;
+    struct prt_specular *specular;
+    struct prt_camera c = front(40, 0.1f);
+    scene_init(&s, 4, 2);
+    add_square(&s, 0.05f, 0, 0, true);
+    memset(s.mesh.normal, 0, 4 * sizeof *s.mesh.normal);
+    assert_int_equal(prt_cube_init(&sky, 16), PRT_OK);
+    for (size_t i = 0; i < (size_t)6 * 16 * 16 * 3; i++) sky.texel[i] = 1;
+    assert_int_equal(prt_specular_create(&quiet, &sky, &specular), PRT_OK);
+    struct prt_visibility *vis = see(&s, &c, 16, 16, 1);
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(vis, &g);
+    assert_true(g.n_point >= 200);
+    for (uint32_t i = 0; i < g.n_point; i++) {
+        assert_float_equal(g.facing[i], 1, 1e-3);
+        assert_float_equal(g.normal[2][i], 1, 1e-3);
+    }
+    struct prt_shade shade = {
+        .media = SURFACE(1.5f, 0.1f), .fresnel = true, .specular = specular};
+    struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
+    for (size_t i = 0; i < (size_t)16 * 16 * 3; i++) assert_true(isfinite(image.rgb[i]));
+    prt_image_finish(&image);
+    prt_specular_destroy(specular);
+    prt_cube_finish(&sky);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+static int no_band(void *user, uint32_t row_begin, uint32_t row_end, const uint32_t *id)
+{
+    return PRT_OK;
+}
+
+// A size that the driver refuses is an error of its own, not one of the next picture.
+static void refused_size_is_forgotten(void **state)
+{
+    struct scene s;
+    struct prt_camera c = front(50, 20);
+    struct camera_frame frame;
+    scene_init(&s, 4, 2);
+    add_square(&s, 10, 0, 0, true);
+    struct prt_visibility *vis = see(&s, &c, 16, 16, 1);
+    frame = vis->frame;
+    struct gl_draw wide = {.mesh = &s.mesh,
+                           .frame = &frame,
+                           .width = 1 << 20,
+                           .height = 4,
+                           .n_sub = 1,
+                           .z_near = 1,
+                           .z_far = 100,
+                           .band = no_band};
+    assert_int_equal(prt_gl_draw_triangles(&quiet, PRT_RASTER_AUTO, &wide), PRT_UNSUPPORTED);
+    prt_visibility_destroy(vis);
+    prt_visibility_destroy(see(&s, &c, 16, 16, 1));
+    scene_finish(&s);
+}
+
 // Plane k is weighted by Y_k of the refracted view direction.
 static void phase_planes_times_harmonics(void **state)
 {
@@ -991,6 +1054,8 @@ int main(void)
         cmocka_unit_test(backends_agree),
         cmocka_unit_test(edges_are_antialiased),
         cmocka_unit_test(fresnel_at_normal_incidence),
+        cmocka_unit_test(normals_that_cancel),
+        cmocka_unit_test(refused_size_is_forgotten),
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
         cmocka_unit_test(colours_keep_the_variance),
