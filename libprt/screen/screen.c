@@ -94,7 +94,7 @@ int prt_frame_atlas(struct frame *f, uint32_t n)
         s->atlas_uv = false;
         if (own_uv) {
             status = prt_samples_uv_atlas(f->ctx, s->mesh, n, &s->atlas, &s->atlas_uv);
-            s->uv_state = s->atlas_uv ? 1 : -1;
+            if (!status) s->uv_state = s->atlas_uv ? 1 : -1;
         }
         if (!status && !s->atlas_uv) status = prt_samples_atlas(f->ctx, s->mesh, n, &s->atlas);
         if (status) return status;

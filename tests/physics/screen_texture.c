@@ -223,6 +223,30 @@ static void uv_are_the_atlas(void **state)
     free(plain);
 }
 
+// Contract of prt_frame_atlas: without memory for texels in the model's uv it says so, and the
+// next frame takes them.
+static void uv_are_tried_again(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 24);
+    add_uv(&model, 24, 0);
+    float(*irradiance)[3] = calloc(model.mesh.n_vertex, sizeof *irradiance);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_TEXTURE,
+                                         .vertex_irradiance = (const float(*)[3])irradiance};
+    struct prt_screen_report report = {0};
+    struct prt_screen screen = {.mesh = &model.mesh};
+    struct frame f = {.ctx = &quiet, .screen = &screen, .options = &options, .report = &report};
+    // 190 GB, which a machine that promises any memory has, too
+    if (prt_frame_atlas(&f, 2600000000u) == PRT_NOMEM) assert_int_equal(screen.uv_state, 0);
+    assert_int_equal(prt_frame_atlas(&f, 3000), PRT_OK);
+    assert_true(report.uv_atlas);
+    prt_samples_finish(&screen.atlas);
+    free(irradiance);
+    free(model.mesh.uv);
+    model_finish(&model);
+}
+
 // Law: the pattern of rings gives the near part of the sum (METHODS §6, hybrid, C08), in every
 // instruction set, and takes no light from other objects.
 static void pattern_is_the_near_part(void **state)
@@ -281,6 +305,7 @@ int main(void)
         cmocka_unit_test(split_parts_add_up),
         cmocka_unit_test(short_mean_free_paths_stay_sharp),
         cmocka_unit_test(uv_are_the_atlas),
+        cmocka_unit_test(uv_are_tried_again),
         cmocka_unit_test(pattern_is_the_near_part),
     };
     return run_physics_tests(tests, screen_setup, screen_teardown);
