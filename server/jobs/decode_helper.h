@@ -17,7 +17,8 @@ struct decoder;
 struct decoded_env {
     struct prt_env env;
     void *map;
-    size_t map_bytes, cache_bytes;
+    size_t map_bytes, cache_bytes; /* cache_bytes: of turns to cubes of sides 16 and 32 */
+    bool turned_64;                /* turns to cubes of side 64 are charged, too */
     float decode_ms;
 };
 void decoded_env_destroy(void *env); /* struct decoded_env* */

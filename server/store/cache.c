@@ -364,6 +364,15 @@ void cache_fill(struct cache_entry *e, void *value, size_t bytes, void (*destroy
     wake_all(e);
 }
 
+void cache_grow(struct cache_entry *e, size_t bytes)
+{
+    assert(e->state == CACHE_READY && e->refs);
+    e->bytes += bytes;
+    e->cache->counts.bytes += bytes;
+    e->cache->values += bytes;
+    keep_budget(e->cache);
+}
+
 void cache_fail(struct cache_entry *e, int error_code, const char *text)
 {
     assert(e->state == CACHE_PENDING && e->refs);

@@ -64,6 +64,8 @@ void cache_hold(struct cache_entry *entry);
 void cache_release(struct cache_entry *entry); /* NULL is fine */
 /* Takes over the value and wakes the waiters. */
 void cache_fill(struct cache_entry *entry, void *value, size_t bytes, void (*destroy)(void *));
+/* A ready entry that the caller holds takes so many more bytes than it was filled with. */
+void cache_grow(struct cache_entry *entry, size_t bytes);
 /* Wakes the waiters and removes the entry from the table: a later request computes it again. */
 void cache_fail(struct cache_entry *entry, int error_code, const char *text);
 void cache_wait(struct cache_entry *entry, struct cache_waiter *waiter);

@@ -4,6 +4,7 @@
 #include "ask.h"
 #include "frames.h"
 #include "lone_daemon.h"
+#include "prt/light.h"
 
 static struct relight_client *begin_client(const char *const extra[])
 {
@@ -370,6 +371,37 @@ static void test_passes_within_the_cache(void **state)
     assert_same_colors(answer[0][0], answer[1][0], N * OCTAHEDRON_VERTICES);
 }
 
+// What an environment keeps of its turns for a bake with a cube of side 64 counts towards
+// --cache once, as that for smaller cubes does from the start.
+static void test_turns_are_charged(void **state)
+{
+    static const char hdr[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\nAAAABBBB";
+    struct relight_client *client = begin_client(NULL);
+    struct relight_error error;
+    char model[ID_SIZE], hash[65], env[80];
+    struct relight_load load = small_bake(0, 100);
+    load.bake.cube = 64;
+    bake_octahedron(client, &d, "large.obj", &load, model);
+    OK(relight_upload(client, "sky.hdr", hdr, sizeof hdr - 1, NULL, NULL, hash, NULL, &error));
+    snprintf(env, sizeof env, "env:%s", hash);
+    double before = 0, after[3];
+    for (int i = 0; i < 3; i++) {
+        struct relight_light light = {.env = env, .rotate_deg = (float)(11 * i)};
+        struct relight_colors_request r = {.model = model, .n_light = 1, .lights = &light};
+        struct relight_colors colors;
+        before = i ? before : metric(client, "relightd_cache_bytes");
+        OK(relight_colors(client, &r, &colors, &error));
+        relight_colors_finish(&colors);
+        after[i] = metric(client, "relightd_cache_bytes");
+    }
+    print_message("cache: %g, then %g, turned %g and %g bytes\n", before, after[0], after[1],
+                  after[2]);
+    assert_true(after[0] - before < 8e6);
+    assert_true(after[1] - after[0] >= (double)PRT_ENV_TURNED_BYTES(64));
+    assert_true(after[2] - after[1] < 2e6);
+    end_client(client);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -383,6 +415,7 @@ int main(void)
         cmocka_unit_test_teardown(test_an_id_is_open_once, teardown),
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
         cmocka_unit_test_teardown(test_passes_within_the_cache, teardown),
+        cmocka_unit_test_teardown(test_turns_are_charged, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -96,6 +96,26 @@ static void test_budget_is_exact(void **state)
 }
 
 // Entries in use, pending, failed and forgotten ones are counted until they are freed.
+// It pushes others out as if it had been as large from the start, and takes all with it.
+static void test_a_value_that_grows(void **state)
+{
+    struct cache *cache;
+    bool fresh;
+    assert_int_equal(cache_create(3 * entry_bytes("a", VALUE), &cache), 0);
+    use(cache, "a");
+    use(cache, "b");
+    struct cache_entry *e = cache_get(cache, "c", &fresh);
+    cache_fill(e, malloc(VALUE), VALUE, destroy);
+    assert_true(is_there(cache, "a") && is_there(cache, "b"));
+    cache_grow(e, VALUE);
+    assert_int_equal(bytes_of(cache), entry_bytes("b", VALUE) + entry_bytes("c", 2 * VALUE));
+    assert_false(is_there(cache, "a"));
+    cache_release(e);
+    cache_forget(cache, "c", false);
+    assert_int_equal(bytes_of(cache), entry_bytes("b", VALUE));
+    cache_destroy(cache);
+}
+
 static void test_every_state_is_counted(void **state)
 {
     struct cache *cache;
@@ -459,6 +479,7 @@ int main(void)
         cmocka_unit_test(test_least_recently_used_goes),
         cmocka_unit_test(test_budget_is_exact),
         cmocka_unit_test(test_every_state_is_counted),
+        cmocka_unit_test(test_a_value_that_grows),
         cmocka_unit_test(test_small_values_are_bounded),
         cmocka_unit_test(test_pending_ones_stay),
         cmocka_unit_test(test_waiters),

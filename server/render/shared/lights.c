@@ -90,6 +90,15 @@ static void done(struct cache_job *job)
 static const struct cache_job_kind kind = {
     .size = sizeof(struct light_job), .run = run, .destroy = destroy_cube, .done = done};
 
+// Few models have cubes of side 64, and what these keep is three times that of the others.
+static void charge_large_turns(struct cache_entry *env, uint32_t cube_n)
+{
+    struct decoded_env *d = env->value;
+    if (cube_n != 64 || d->turned_64 || !d->cache_bytes) return;
+    d->turned_64 = true;
+    cache_grow(env, PRT_ENV_TURNED_BYTES(64));
+}
+
 static void set_summand(struct light_job *l, unsigned i, const struct render_spec *spec,
                         const struct render_light *light, struct cache_entry *env, bool turned)
 {
@@ -102,6 +111,7 @@ static void set_summand(struct light_job *l, unsigned i, const struct render_spe
             (struct prt_cube){light->cube_n, (float *)(uintptr_t)render_texels(spec, light)};
     } else {
         cache_job_hold(&l->job, env);
+        if (s->rotate_deg != 0) charge_large_turns(env, l->cube_n);
         s->env = &((struct decoded_env *)env->value)->env;
     }
 }
@@ -119,12 +129,12 @@ struct cache_entry *light_get(struct server *server, const struct render_spec *s
     struct cache_entry *entry = cache_compute(server, key, &kind, &job);
     if (!job) return entry;
     struct light_job *l = (struct light_job *)job;
+    l->cube_n = cube_n;
     l->texels = spec->texels;
     if (l->texels) held_bytes_hold(l->texels);
     for (unsigned i = 0; i < n; i++)
         set_summand(l, i, spec, &spec->light[first + i], env[first + i], turned);
     l->n = n;
-    l->cube_n = cube_n;
     cache_job_submit(job);
     return entry;
 }
