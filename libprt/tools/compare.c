@@ -265,6 +265,32 @@ done:
     return exit_status;
 }
 
+// The first of the options that only a comparison with the reference engine takes.
+static const char *reference_option(const struct options *o)
+{
+    const struct {
+        const char *name;
+        bool given;
+    } all[] = {{"env", o->env},
+               {"materials", o->materials},
+               {"material", o->n_material},
+               {"term", o->term},
+               {"eye", o->eye.set},
+               {"exit", o->exit},
+               {"rotate", o->rotate_deg != 0},
+               {"faces", o->faces},
+               {"scattering", o->scattering},
+               {"walks", o->walks},
+               {"cube", o->cube || o->cube_full},
+               {"samples", o->samples},
+               {"rays", o->rays},
+               {"single-points", o->single_points},
+               {"vertices", o->vertices}};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        if (all[i].given) return all[i].name;
+    return NULL;
+}
+
 int run_compare(struct tool *tool)
 {
     const struct options *o = &tool->opt;
@@ -272,8 +298,8 @@ int run_compare(struct tool *tool)
     int status;
     bool reference = !strcmp(o->input[1], "reference");
     if (reference && (o->materials || o->n_env > 1)) return compare_table(tool);
-    if (o->materials && !reference) return usage_error(o, "--materials is for B = reference");
-    if (o->n_material && !reference) return usage_error(o, "--material is for B = reference");
+    const char *unused = reference ? NULL : reference_option(o);
+    if (unused) return usage_error(o, "--%s is for B = reference", unused);
     if (reference) {
         status = against_reference(tool, &a, &b);
     } else {

@@ -290,7 +290,12 @@ expect 2 'covers 0 to 2 mm' "$prt" image joint.prt --env constant -o x.png \
 expect 2 'mean_free_path.*0.001 to 10000 mm' "$prt" colors joint.prt --env constant -o x.csv \
     --material '{"profile":"burley","albedo":1,"mean_free_path":0}'
 expect 2 'leave --materials out' "$prt" compare ball.prt reference --env constant --materials all
-expect 2 'for B = reference' "$prt" compare m.csv truth.npy --materials all
+expect 2 'materials is for B = reference' "$prt" compare m.csv truth.npy --materials all
+for option in '--env constant' '--term single' '--eye 1,2,3' '--exit papers' '--rotate 30' '--cube 16' \
+    '--scattering walk' '--samples 9' '--rays 9' '--single-points 9' '--vertices 9' '--material skin1'; do
+    # shellcheck disable=SC2086
+    expect 2 "${option% *} is for B = reference" "$prt" compare m.csv truth.npy $option
+done
 expect 0 '' "$prt" bake ball.obj --material "$wax" --size-mm 20 $bake --transport polynomial --env constant:1,1,2 -o poly.prt
 for material in skin1 "$wax"; do
     expect 0 '' "$prt" colors poly.prt --engine polynomial --material "$material" --term multiple -o p.csv
