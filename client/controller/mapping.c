@@ -114,7 +114,7 @@ static bool get_entry(struct reader *r, const cJSON *json, struct map_entry *out
     if (!known_fields(r, json, words) || !get_target(r, json, &out->target)) return false;
     if (!cJSON_IsString(control) || !*control->valuestring ||
         strlen(control->valuestring) >= sizeof out->control)
-        return wrong(r, "control", "expected a control's name (--list --open shows them)");
+        return wrong(r, "control", "expected a control's name (--list shows them)");
     strcpy(out->control, control->valuestring);
     return get_number(r, json, "scale", -3600, 3600, &out->scale) &&
            get_number(r, json, "dead", 0, .9, &out->dead) &&

@@ -29,6 +29,7 @@ struct room {
     bool stale;           // the scene is to be fetched once no edit is open
     uint64_t open[MOST_OPEN];
     uint32_t n_open;
+    bool keeping;     // the edit that records what was held is being sent
     cJSON *held;      // names of the parts that were moved since the last edit; NULL: none
     uint64_t rest_at; // time of the edit that records them, CLOCK_MONOTONIC, ns
     uint64_t keep_at; // the latest time for that edit
@@ -46,8 +47,15 @@ static void say_once(struct room *r, const struct relight_error *error)
 
 // ---- changes of other participants
 
-// Fetches the scene; it is dropped where this program changed its own meanwhile. *sequence:
-// that of the state.
+// Whether the scene has changes of this program that the daemon may not have yet. The caller
+// holds the lock.
+static bool is_ahead(const struct room *r)
+{
+    return r->held || r->keeping || r->n_open;
+}
+
+// Fetches the scene; it is dropped where this program changed its own meanwhile, or is ahead of
+// it. *sequence: that of the state.
 static int fetch(struct room *r, uint64_t *sequence, struct relight_error *error)
 {
     char *text;
@@ -63,7 +71,7 @@ static int fetch(struct room *r, uint64_t *sequence, struct relight_error *error
     cJSON_Delete(state);
     if (!scene) scene = cJSON_CreateObject();
     pthread_mutex_lock(&r->lock);
-    if (r->changes == changes) {
+    if (r->changes == changes && !is_ahead(r)) {
         cJSON_Delete(r->scene);
         r->scene = scene;
         r->stale = false;
@@ -144,11 +152,12 @@ static void *follow(void *user)
 
 // ---- edits
 
-// Waits for an open edit, and returns the oldest; 0: none is open, and the scene is stale.
+// Waits for an open edit, and returns the oldest; 0: none is open, the scene is stale, and the
+// hand holds none of its parts.
 static uint64_t next_open(struct room *r)
 {
     pthread_mutex_lock(&r->lock);
-    while (!r->n_open && !r->stale) pthread_cond_wait(&r->wake, &r->lock);
+    while (!r->n_open && (!r->stale || is_ahead(r))) pthread_cond_wait(&r->wake, &r->lock);
     uint64_t id = r->n_open ? r->open[0] : 0;
     pthread_mutex_unlock(&r->lock);
     return id;
@@ -309,9 +318,14 @@ static void keep(struct room *r)
         cJSON_AddItemToObject(change, "scene", scene_of(r, r->held));
         cJSON_AddItemToObject(change, "parts", r->held);
         r->held = NULL;
+        r->keeping = true;
     }
     pthread_mutex_unlock(&r->lock);
     if (action) begin(r, action);
+    pthread_mutex_lock(&r->lock);
+    r->keeping = false;
+    pthread_cond_broadcast(&r->wake);
+    pthread_mutex_unlock(&r->lock);
     pthread_mutex_unlock(&r->sending);
 }
 
@@ -374,6 +388,15 @@ static void stop(struct destination *base)
     pthread_mutex_unlock(&r->lock);
 }
 
+// Lights come and go while the room is open: a note.
+static void note_light(const struct room *r)
+{
+    int n = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(r->first, "lights"));
+    if (r->control->options.light >= n)
+        say("--light %d: the room has %d %s now", r->control->options.light + 1, n,
+            n == 1 ? "light" : "lights");
+}
+
 struct destination *open_room(struct control *control, const char *id, int *status)
 {
     struct room *r = calloc(1, sizeof *r);
@@ -395,6 +418,7 @@ struct destination *open_room(struct control *control, const char *id, int *stat
         pthread_detach(r->answers);
         pthread_detach(r->keeper);
         pthread_detach(r->news);
+        note_light(r);
         return &r->base;
     }
     *status = report(&error);

@@ -239,8 +239,13 @@ struct destination *open_view(struct control *control, int *status)
         v->base = (struct destination){send, stop};
         v->control = control;
         pthread_mutex_init(&v->lock, NULL);
-        if (!prepare(v, &error) && !open_again(v, &error) &&
-            !pthread_create(&v->frames, NULL, frames, v)) {
+        if (control->options.light >= (int)control->options.n_env) {
+            error.code = RELIGHT_E_ARGUMENT;
+            snprintf(error.text, sizeof error.text, "--light %d: there %s %u --env",
+                     control->options.light + 1, control->options.n_env == 1 ? "is" : "are",
+                     control->options.n_env);
+        } else if (!prepare(v, &error) && !open_again(v, &error) &&
+                   !pthread_create(&v->frames, NULL, frames, v)) {
             pthread_detach(v->frames);
             return &v->base;
         }

@@ -318,6 +318,42 @@ static void others_turn_it_too(void **state)
     end_room();
 }
 
+// Another person undoes a change of theirs while the hand moves: the scene is fetched once the
+// hand rests, and what it moved stays. A light that the room does not have is noted.
+static void undo_of_others_meanwhile(void **state)
+{
+    struct relight_error error;
+    begin_room(20);
+    struct mock_device *mate = mock_plug(&powermate);
+    start_control((const char *[]){room, "--light", "1", NULL});
+    expect_says("connected");
+    OK(relight_room_edit(client, room,
+                         "{\"scene\": {\"parts\": [\"picture\"], \"scene\": {\"picture\": "
+                         "{\"exposure_ev\": 2}}}}",
+                         "ann", NULL, &error));
+    sleep_ms(300);
+    for (int i = 0; i < 20; i++) {
+        turn_powermate(mate, 1, false);
+        if (i == 5) OK(relight_room_edit(client, room, "{\"undo\": {}}", "ann", NULL, &error));
+        sleep_ms(50);
+    }
+    expect_light("rotate_deg", NULL, 10 + 3 * 20, 1e-3);
+    turn_powermate(mate, 1, false);
+    expect_light("rotate_deg", NULL, 10 + 3 * 21, 1e-3);
+    assert_int_equal(end_control(NULL), 0);
+    start_control((const char *[]){room, "--light", "2", NULL});
+    expect_says("--light 2: the room has 1 light now");
+    assert_int_equal(end_control(NULL), 0);
+    start_control(
+        (const char *[]){"none", "--env", "constant", "-o", "x.png", "--light", "2", NULL});
+    expect_says("--light 2: there is 1 --env");
+    int how;
+    waitpid(control.pid, &how, 0);
+    assert_int_equal(WEXITSTATUS(how), 2);
+    control.pid = 0;
+    end_room();
+}
+
 // The view of a model: its picture is another one after the light was turned.
 static void powermate_turns_a_view(void **state)
 {
@@ -658,6 +694,11 @@ static void list_check_learn(void **state)
     waitpid(control.pid, &how, 0);
     assert_int_equal(WEXITSTATUS(how), 2);
     expect_says("devices[0].map[0].target: expected one of light.azimuth");
+    write_text(file, "{\"devices\": [{\"vendor\": \"1234\", \"product\": \"abcd\", \"map\": "
+                     "[{\"target\": \"light.azimuth\"}]}]}");
+    start_control((const char *[]){"--check", file, NULL});
+    waitpid(control.pid, &how, 0);
+    expect_says("devices[0].map[0].control: expected a control's name (--list shows them)");
     control.pid = 0;
     end_room();
 }
@@ -680,6 +721,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_teardown(spacemouse_turns_a_room, stop_all),
         cmocka_unit_test_teardown(mapping_file, stop_all),
         cmocka_unit_test_teardown(others_turn_it_too, stop_all),
+        cmocka_unit_test_teardown(undo_of_others_meanwhile, stop_all),
         cmocka_unit_test_teardown(powermate_turns_a_view, stop_all),
         cmocka_unit_test_teardown(camera_of_a_view, stop_all),
         cmocka_unit_test_teardown(hot_plug, stop_all),
