@@ -62,6 +62,16 @@ double relight_timeout(const struct relight_client *client);
 /* Whether the client connects again after its connection was lost. */
 bool relight_reconnects(const struct relight_client *client);
 
+/* ---- upload.c ---- */
+struct relight_mapping {
+    void *bytes; /* munmap() */
+    size_t size;
+};
+/* A regular file that is not empty. */
+int relight_map_file(const char *path, struct relight_mapping *out,
+                     struct relight_error *error);
+const char *relight_base_name(const char *path);
+
 /* ---- messages.c: plain structs to messages and back ---- */
 /* Memory that an output owns: the answer, and arrays made from it. */
 struct owner {

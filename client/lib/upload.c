@@ -3,7 +3,6 @@
 // chunks.
 #include "internal.h"
 
-#include <cjson/cJSON.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -11,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { CHUNK = 1 << 20, IN_FLIGHT = 4, MAX_FILE = 64 };
+enum { CHUNK = 1 << 20, IN_FLIGHT = 4 };
 
 void relight_hash(const void *bytes, size_t n, char hash[65])
 {
@@ -117,18 +116,13 @@ int relight_upload(struct relight_client *client, const char *name, const void *
     return 0;
 }
 
-static const char *base_name(const char *path)
+const char *relight_base_name(const char *path)
 {
     const char *slash = strrchr(path, '/');
     return slash ? slash + 1 : path;
 }
 
-struct map {
-    void *bytes;
-    size_t size;
-};
-
-static int map_file(const char *path, struct map *out, struct relight_error *error)
+int relight_map_file(const char *path, struct relight_mapping *out, struct relight_error *error)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     struct stat st;
@@ -141,18 +135,18 @@ static int map_file(const char *path, struct map *out, struct relight_error *err
     if (!bad && bytes == MAP_FAILED) bad = strerror(errno);
     close(fd);
     if (bad) return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, bad);
-    *out = (struct map){bytes, (size_t)st.st_size};
+    *out = (struct relight_mapping){bytes, (size_t)st.st_size};
     return 0;
 }
 
 int relight_upload_file(struct relight_client *client, const char *path, relight_progress_fn fn,
                         void *user, char hash[65], uint64_t *sent, struct relight_error *error)
 {
-    struct map map;
-    int status = map_file(path, &map, error);
+    struct relight_mapping map;
+    int status = relight_map_file(path, &map, error);
     if (status) return status;
-    status = relight_upload(client, base_name(path), map.bytes, map.size, fn, user, hash, sent,
-                            error);
+    status = relight_upload(client, relight_base_name(path), map.bytes, map.size, fn, user,
+                            hash, sent, error);
     munmap(map.bytes, map.size);
     return status;
 }
@@ -172,158 +166,4 @@ int relight_env_resolve(struct relight_client *client, const char *word, relight
                             "%s: a hash has 64 lower-case hex digits", word);
     memcpy(env, "env:", 4);
     return relight_upload_file(client, word, fn, user, env + 4, NULL, error);
-}
-
-struct bundle {
-    size_t n;
-    struct relight_file file[MAX_FILE];
-    char *name[MAX_FILE];
-    char hash[MAX_FILE][65];
-};
-
-static int bundle_add(struct relight_client *client, struct bundle *bundle, const char *path,
-                      const char *name, relight_progress_fn fn, void *user,
-                      struct relight_error *error)
-{
-    if (bundle->n == MAX_FILE)
-        return relight_fail(error, RELIGHT_E_LIMIT, "pack it as .glb",
-                            "%s: names more than %d files", path, MAX_FILE);
-    size_t i = bundle->n;
-    int status = relight_upload_file(client, path, fn, user, bundle->hash[i], NULL, error);
-    if (status) return status;
-    if (!(bundle->name[i] = strdup(name)))
-        return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
-    bundle->file[i] = (struct relight_file){bundle->name[i], bundle->hash[i]};
-    bundle->n++;
-    return 0;
-}
-
-static int hex_digit(char c)
-{
-    return c >= '0' && c <= '9'   ? c - '0'
-           : c >= 'a' && c <= 'f' ? c - 'a' + 10
-           : c >= 'A' && c <= 'F' ? c - 'A' + 10
-                                  : -1;
-}
-
-static void unescape_uri(char *text)
-{
-    char *to = text;
-    for (const char *at = text; *at; to++) {
-        if (*at == '%' && hex_digit(at[1]) >= 0 && hex_digit(at[2]) >= 0) {
-            *to = (char)(hex_digit(at[1]) * 16 + hex_digit(at[2]));
-            at += 3;
-        } else {
-            *to = *at++;
-        }
-    }
-    *to = 0;
-}
-
-// Uploads the files that `buffers` of a .gltf refers to.
-static int add_buffers(struct relight_client *client, struct bundle *bundle, const char *path,
-                       relight_progress_fn fn, void *user, struct relight_error *error)
-{
-    struct map map;
-    int status = map_file(path, &map, error);
-    if (status) return status;
-    cJSON *json = cJSON_ParseWithLength(map.bytes, map.size);
-    munmap(map.bytes, map.size);
-    if (!json) return relight_fail(error, RELIGHT_E_FILE, "", "%s: is not JSON", path);
-    const cJSON *buffer;
-    cJSON_ArrayForEach(buffer, cJSON_GetObjectItemCaseSensitive(json, "buffers"))
-    {
-        const char *uri = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(buffer, "uri"));
-        if (!uri || !strncmp(uri, "data:", 5)) continue;
-        char *name = strdup(uri), *full = NULL;
-        if (name) unescape_uri(name);
-        if (!name || asprintf(&full, "%.*s%s", (int)(base_name(path) - path), path, name) < 0) {
-            full = NULL;
-            status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
-        } else if (*name == '/' || strstr(name, "..")) {
-            // A downloaded model must not make us send files from elsewhere.
-            status =
-                relight_fail(error, RELIGHT_E_FILE, "move the buffer beside the model",
-                             "%s: buffer '%s' lies outside the model's folder", path, name);
-        } else {
-            status = bundle_add(client, bundle, full, uri, fn, user, error);
-        }
-        free(name);
-        free(full);
-        if (status) break;
-    }
-    cJSON_Delete(json);
-    return status;
-}
-
-// Uploads a model's file and what it refers to; the caller frees *out.
-static int upload_bundle(struct relight_client *client, const char *path,
-                         relight_progress_fn fn, void *user, struct bundle **out,
-                         struct relight_error *error)
-{
-    struct bundle *bundle = calloc(1, sizeof *bundle);
-    if (!bundle) return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
-    size_t n = strlen(path);
-    bool gltf = n > 5 && !strcasecmp(path + n - 5, ".gltf");
-    int status = bundle_add(client, bundle, path, base_name(path), fn, user, error);
-    if (!status && gltf) status = add_buffers(client, bundle, path, fn, user, error);
-    *out = bundle;
-    return status;
-}
-
-static void free_bundle(struct bundle *bundle)
-{
-    for (size_t i = 0; bundle && i < bundle->n; i++) free(bundle->name[i]);
-    free(bundle);
-}
-
-int relight_load_file(struct relight_client *client, const char *path,
-                      const struct relight_load *load, relight_progress_fn fn, void *user,
-                      struct relight_loaded *out, struct relight_error *error)
-{
-    struct bundle *bundle = NULL;
-    int status = upload_bundle(client, path, fn, user, &bundle, error);
-    if (!status) {
-        struct relight_load whole = *load;
-        whole.n_file = bundle->n;
-        whole.files = bundle->file;
-        whole.path = NULL;
-        status = relight_load(client, &whole, out, error);
-    }
-    free_bundle(bundle);
-    return status;
-}
-
-int relight_put_animation(struct relight_client *client, const char *model, const char *path,
-                          const char *animation, double time_s, bool up_z, char pose[65],
-                          struct relight_error *error)
-{
-    Relight__PutPoseRequest m = RELIGHT__PUT_POSE_REQUEST__INIT;
-    struct answer *answer;
-    struct bundle *bundle = NULL;
-    int status = upload_bundle(client, path, NULL, NULL, &bundle, error);
-    const size_t n = status ? 0 : bundle->n;
-    Relight__FileRef *ref = calloc(n + 1, sizeof *ref), **refs = calloc(n + 1, sizeof *refs);
-    if (!status && (!ref || !refs))
-        status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
-    for (size_t i = 0; !status && i < n; i++) {
-        relight__file_ref__init(refs[i] = ref + i);
-        ref[i].name = relight_text(bundle->file[i].name);
-        ref[i].blob = relight_text(bundle->file[i].hash);
-    }
-    m.model = relight_text(model);
-    m.animation = relight_text(animation);
-    m.time_s = (float)time_s;
-    m.up_z = up_z;
-    m.n_files = n;
-    m.files = refs;
-    if (!status) status = relight_call(client, RELIGHT_TYPE_PUT_POSE, &m.base, &answer, error);
-    if (!status) {
-        snprintf(pose, 65, "%s", ((Relight__PutPoseAnswer *)answer->message)->pose);
-        relight_answer_free(answer);
-    }
-    free_bundle(bundle);
-    free(ref);
-    free(refs);
-    return status;
 }

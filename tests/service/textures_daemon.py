@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Images of a textured model from GEOMETRY: raw texels and PNG files are the same numbers.
+"""Images of a textured model from GEOMETRY: raw texels and PNG files are the same numbers. Images in files beside a
+.gltf are uploaded with it.
 
    tests/service/textures_daemon.py PATH/TO/bin PATH/TO/python"""
+import hashlib
+import json
 import os
 import struct
 import sys
@@ -11,7 +14,7 @@ import zlib
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
 sys.path.insert(0, sys.argv[2])
 import relight as package  # noqa: E402
-from programs import daemon, expect, main, relight  # noqa: E402
+from programs import daemon, expect, main, prt, relight, same  # noqa: E402
 from relight.messages import message  # noqa: E402
 from textured_ball import glb, png  # noqa: E402
 
@@ -82,4 +85,53 @@ def check():
                 expect(error.code == 'NOT_FOUND', 'the error is %s' % error.code)
 
 
-main(check)
+def split(path, folder, picture, *more):
+    """The GLB as folder/t.gltf: its buffer and its first image are files, the latter of the URI `picture`."""
+    with open(path, 'rb') as f:
+        whole = f.read()
+    n = struct.unpack('<I', whole[12:16])[0]
+    doc, data = json.loads(whole[20:20 + n]), whole[28 + n:]
+    view = doc['bufferViews'][doc['images'][0].pop('bufferView')]
+    doc['images'][0].update({'uri': picture})
+    doc['images'] += [{'uri': uri} for uri in more]
+    doc['buffers'][0].update({'uri': './its%20shape.bin'})
+    os.makedirs(folder + '/maps', exist_ok=True)
+    for name, part in (('its shape.bin', data), ('t.gltf', json.dumps(doc).encode()),
+                       ('maps/skin & all.png', data[view['byteOffset']:view['byteOffset'] + view['byteLength']])):
+        with open(folder + '/' + name, 'wb') as f:
+            f.write(part)
+
+
+def images_of(client, name):
+    return [i.hash for i in client._call('GEOMETRY', message('GeometryRequest', model=name, textures=True)).message.images]
+
+
+def uploads_images():
+    """Images come with a .gltf, but none from elsewhere, and one that is missing is a warning."""
+    glb('t.glb', [png(4, 4, [[(200, 20, 20)] * 4] * 4)], {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}})
+    with open('secret.png', 'wb') as f:
+        f.write(png(3, 3, [[(1, 2, 3)] * 3] * 3))
+    split('t.glb', 'model', 'maps/skin%20%26%20all.png', 'maps/skin & all.png', 'DATA:image/png;base64,AAAA',
+          '../secret.png', '%2e%2e/secret.png', os.path.abspath('secret.png'), 'link.png', 'http://host/a.png',
+          'missing.png', 'maps', 'maps//skin & all.png')
+    os.symlink('../secret.png', 'model/link.png')
+    split('t.glb', 'bare', '../secret.png')
+    own = ['--mm-per-unit', '1000', '--material', 'marble', '--preview']
+    picture = ['--env', 'constant', '--size', '64x64', '--engine', 'tangent']
+    with daemon('--data', 'data2'), package.Client('unix:socket') as client:
+        for name, file in (('whole', 't.glb'), ('parts', 'model/t.gltf'), ('bare', 'bare/t.gltf')):
+            said = relight('load', file, '--name', name, *own).said
+            expect(('../secret.png' in said) == (name == 'bare'), 'warnings of %s: %s' % (name, said))
+            relight('image', name, *picture, '-o', name + '.exr')
+        expect(images_of(client, 'whole') == images_of(client, 'parts') != [], 'the image did not come')
+        expect(images_of(client, 'bare') == [], 'an image from elsewhere came')
+        same('parts.exr', 'whole.exr', .01)
+        prt('compare', 'bare.exr', 'whole.exr', '--max-rmse', '.1', status=1)
+        with open('secret.png', 'rb') as f:
+            secret = f.read()
+        state = client._call('PUT_BLOB', message('PutBlobRequest', hash=hashlib.sha256(secret).hexdigest(),
+                                                 size=len(secret))).message
+        expect(not state.complete and not state.received, 'a file from elsewhere was sent')
+
+
+main(check, uploads_images)
