@@ -165,19 +165,24 @@ void exchange_refuse(struct exchange *x, const struct http_problem *problem)
                     text ? strlen(text) : 0, NULL);
 }
 
+void exchange_text(struct exchange *x, int status, const char *type, char *text)
+{
+    struct http_problem problem;
+    if (text) {
+        exchange_answer(x, status, type, text, strlen(text), NULL);
+        return;
+    }
+    http_refuse(&problem, 503, "no_memory", "not enough memory");
+    exchange_refuse(x, &problem);
+}
+
 void exchange_json(struct exchange *x, int status, const ProtobufCMessage *message)
 {
     cJSON *json = message_to_json(message);
     char *text = json ? cJSON_PrintUnformatted(json) : NULL;
     cJSON_Delete(json);
-    if (!text) {
-        struct http_problem problem;
-        http_refuse(&problem, 503, "no_memory", "not enough memory");
-        exchange_refuse(x, &problem);
-        return;
-    }
     exchange_field(x, "cache-control:", "no-store");
-    exchange_answer(x, status, "application/json", text, strlen(text), NULL);
+    exchange_text(x, status, "application/json", text);
 }
 
 static void beat(struct loop_timer *timer)
@@ -201,8 +206,7 @@ void exchange_stream(struct exchange *x, const char *type)
 void exchange_piece(struct exchange *x, const char *text)
 {
     if (!x->conn || x->complete) return;
-    char *own = strdup(text);
-    connection_queue(x->conn, (uint8_t *)own, own ? strlen(own) : 0, NULL);
+    connection_queue(x->conn, (uint8_t *)strdup(text), strlen(text), NULL);
 }
 
 void exchange_stream_end(struct exchange *x)

@@ -112,8 +112,11 @@ void exchange_field(struct exchange *x, const char *name, const char *fmt, ...)
 /* The whole answer: head (malloc()ed, taken, may be NULL) and then the payload (taken). */
 void exchange_answer(struct exchange *x, int status, const char *type, char *head, size_t n,
                      struct payload *payload);
+/* The same of a text, malloc()ed and taken; NULL: there was no memory for it, 503. */
+void exchange_text(struct exchange *x, int status, const char *type, char *text);
 void exchange_refuse(struct exchange *x, const struct http_problem *problem);
-/* Of a stream: the answer's beginning, a piece of it (text, copied), and its end. */
+/* Of a stream: the answer's beginning, a piece of it (text, copied; without memory for it the
+ * connection is closed), and its end. */
 void exchange_stream(struct exchange *x, const char *type);
 void exchange_piece(struct exchange *x, const char *text);
 void exchange_stream_end(struct exchange *x);

@@ -199,8 +199,10 @@ void answer_events(struct exchange *x, const ProtobufCMessage *message, bool las
             ? ends[in->state]
             : "progress";
     if (data &&
-        asprintf(&text, "event: %s\nid: %u\ndata: %s\n\n", event, ++x->n_event, data) >= 0)
-        exchange_piece(x, text);
+        asprintf(&text, "event: %s\nid: %u\ndata: %s\n\n", event, ++x->n_event, data) < 0)
+        text = NULL;
+    if (text) exchange_piece(x, text);
+    else if (x->conn) connection_close(x->conn, "not enough memory for an answer");
     free(text);
     cJSON_free(data);
     cJSON_Delete(json);
@@ -226,13 +228,11 @@ void answer_blob(struct exchange *x, const ProtobufCMessage *message, bool last,
     if (in->complete) exchange_field(x, "location:", "/v1/blobs/%s", hash);
     exchange_field(x, "upload-offset:", "%llu", (unsigned long long)in->received);
     exchange_field(x, "cache-control:", "no-store");
-    int n = asprintf(&text, "{\"hash\":\"%s\",\"complete\":%s,\"received\":%llu}", hash,
-                     in->complete ? "true" : "false", (unsigned long long)in->received);
-    exchange_answer(x,
-                    asks           ? 200
-                    : in->complete ? 201
-                                   : 202,
-                    "application/json", n < 0 ? NULL : text, n < 0 ? 0 : (size_t)n, NULL);
+    if (asprintf(&text, "{\"hash\":\"%s\",\"complete\":%s,\"received\":%llu}", hash,
+                 in->complete ? "true" : "false", (unsigned long long)in->received) < 0)
+        text = NULL;
+    int status = asks ? 200 : in->complete ? 201 : 202;
+    exchange_text(x, status, "application/json", text);
 }
 
 // ---- pages
@@ -240,8 +240,7 @@ void answer_blob(struct exchange *x, const ProtobufCMessage *message, bool last,
 static bool answer_text(struct exchange *x, int status, const char *type, const char *text)
 {
     exchange_field(x, "cache-control:", "no-store");
-    char *own = strdup(text);
-    exchange_answer(x, status, type, own, own ? strlen(own) : 0, NULL);
+    exchange_text(x, status, type, strdup(text));
     return true;
 }
 
@@ -268,8 +267,7 @@ bool page_metrics(struct exchange *x, struct http_problem *problem)
 {
     size_t n = 0;
     char *text = stats_prometheus(x->server, &n);
-    exchange_answer(x, 200, "text/plain; version=0.0.4; charset=utf-8", text, text ? n : 0,
-                    NULL);
+    exchange_text(x, 200, "text/plain; version=0.0.4; charset=utf-8", text);
     return true;
 }
 

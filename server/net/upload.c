@@ -79,12 +79,13 @@ bool upload_check(struct exchange *x, struct http_problem *problem)
         problem->maximum = (double)most;
         return false;
     }
-    if (json && !charge_body(x, size, size, problem)) return false;
-    if (json) {
-        x->json_charged = size;
-        x->json = malloc(size + 1);
-    }
-    return true;
+    if (!json) return true;
+    if (!charge_body(x, size, size, problem)) return false;
+    x->json_charged = size;
+    x->json = malloc(size + 1);
+    if (!x->json)
+        problem_as(x, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory", problem);
+    return x->json != NULL;
 }
 
 void upload_begin(struct exchange *x)

@@ -586,7 +586,8 @@ void op_view_open(struct request *request)
     }
     v->request = request;
     v->model = model;
-    if (versions_is_name(request->server->versions, in->model)) v->name = strdup(in->model);
+    bool by_name = versions_is_name(request->server->versions, in->model);
+    if (by_name) v->name = strdup(in->model);
     request->server->stats.views_open++;
     model_hold(model);
     v->watcher.changed = model_has_changed;
@@ -596,7 +597,9 @@ void op_view_open(struct request *request)
     render_spec_init(&v->spec);
     v->spec.sum = true;
     v->spec.picture = !in->colors;
-    int code = apply(v, request->server, in->state, request, error);
+    int code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    snprintf(error, sizeof error, "not enough memory");
+    if (v->name || !by_name) code = apply(v, request->server, in->state, request, error);
     if (code) {
         free_view(v);
         request_fail(request, code, "%s", error);

@@ -138,7 +138,8 @@ static int act_view(struct relight_client *client, unsigned turn, struct relight
     return status ? status : set ? set : closed;
 }
 
-// One request over HTTP, whose answer may be missing: its socket is closed then. The status.
+// One request over HTTP, whose answer may be missing: its socket is closed then. The status; an
+// answer that is empty is none.
 static int ask_http(const char *request)
 {
     char text[32 << 10] = "";
@@ -150,9 +151,12 @@ static int ask_http(const char *request)
     if (!connect(fd, (struct sockaddr *)&to, sizeof to) &&
         send(fd, request, n, MSG_NOSIGNAL) == (ssize_t)n) {
         struct pollfd p = {fd, POLLIN, 0};
-        if (poll(&p, 1, 5000) == 1 && recv(fd, text, sizeof text - 1, 0) < 0) text[0] = 0;
+        if (poll(&p, 1, 5000) != 1) fail_msg("neither answered nor closed: %s", request);
+        if (recv(fd, text, sizeof text - 1, 0) < 0) text[0] = 0;
     }
     close(fd);
+    if (strstr(text, "content-length: 0\r\n"))
+        fail_msg("an empty answer to %s: %s", request, text);
     return strncmp(text, "HTTP/1.1 ", 9) ? 0 : atoi(text + 9);
 }
 
@@ -167,15 +171,38 @@ static int act_http(struct relight_client *client, unsigned turn, struct relight
     return list == 200 && upload / 100 == 2 ? 0 : 1;
 }
 
+static int act_http_json(struct relight_client *client, unsigned turn,
+                         struct relight_error *error)
+{
+    static const char ask[] = "POST /v1/models/%s/colors HTTP/1.1\r\nHost: localhost\r\n"
+                              "Content-Type: application/json\r\n";
+    static const char body[] = "{\"lights\":[{\"env\":\"constant\"}]}";
+    char head[300], whole[600];
+    snprintf(head, sizeof head, ask, model);
+    snprintf(whole, sizeof whole, "%sContent-Length: %zu\r\n\r\n%s", head, strlen(body), body);
+    int plain = ask_http(whole);
+    snprintf(whole, sizeof whole, "%sTransfer-Encoding: chunked\r\n\r\n%zx\r\n%s\r\n0\r\n\r\n",
+             head, strlen(body), body);
+    int chunked = ask_http(whole);
+    int health = ask_http("GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    return plain == 200 && chunked == 200 && health == 200 ? 0 : 1;
+}
+
 static const struct act {
     const char *name;
     act_fn fn;
     unsigned sampled; // above this many allocations not each fails: JSON has one a value
-} acts[] = {{"HELLO and PING", act_hello}, {"LIST", act_list},
-            {"STATS", act_stats},          {"an upload", act_upload},
-            {"LOAD and UNLOAD", act_load}, {"COLORS", act_colors},
-            {"IMAGE", act_image},          {"a material", act_material},
-            {"a view", act_view},          {"HTTP", act_http, 20}};
+} acts[] = {{"HELLO and PING", act_hello},
+            {"LIST", act_list},
+            {"STATS", act_stats},
+            {"an upload", act_upload},
+            {"LOAD and UNLOAD", act_load},
+            {"COLORS", act_colors},
+            {"IMAGE", act_image},
+            {"a material", act_material},
+            {"a view", act_view},
+            {"HTTP", act_http, 20},
+            {"JSON by HTTP", act_http_json, 20}};
 
 static void must_serve(const char *after, int64_t n)
 {
