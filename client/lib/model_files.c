@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // A model's file and the files that it names, uploaded under the names that it uses: buffers
-// and images of a .gltf.
+// and images of a .gltf, the material library of an .obj and the images of that.
 #include "internal.h"
 
 #include <cjson/cJSON.h>
@@ -19,6 +19,11 @@ struct bundle {
     char hash[MAX_FILE][65];
 };
 
+static int no_memory(struct relight_error *error)
+{
+    return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+}
+
 static int bundle_add(struct relight_client *client, struct bundle *bundle, const char *path,
                       const char *name, relight_progress_fn fn, void *user,
                       struct relight_error *error)
@@ -29,8 +34,7 @@ static int bundle_add(struct relight_client *client, struct bundle *bundle, cons
     size_t i = bundle->n;
     int status = relight_upload_file(client, path, fn, user, bundle->hash[i], NULL, error);
     if (status) return status;
-    if (!(bundle->name[i] = strdup(name)))
-        return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+    if (!(bundle->name[i] = strdup(name))) return no_memory(error);
     bundle->file[i] = (struct relight_file){bundle->name[i], bundle->hash[i]};
     bundle->n++;
     return 0;
@@ -107,12 +111,12 @@ static bool is_plain(const char *name)
     return *name != '.' && strlen(name) <= MAX_NAME;
 }
 
-// ---- the files that a .gltf names
+// ---- the files that a model names
 
 struct sender {
     struct relight_client *client;
     struct bundle *bundle;
-    const char *path; // of the .gltf
+    const char *path; // of the model
     char *folder;     // its own
     relight_progress_fn fn;
     void *user;
@@ -128,17 +132,24 @@ static int add_buffer(const struct sender *s, const char *name, const char *full
                         "%s: buffer '%s' lies outside the model's folder", s->path, name);
 }
 
+// Whether the file `name` beside the model, at full, can be sent.
+static bool can_send(const struct sender *s, const char *name, const char *full)
+{
+    struct stat st;
+    return is_inside(s->folder, full, name) && is_plain(name) && !stat(full, &st) &&
+           S_ISREG(st.st_mode) && st.st_size;
+}
+
 // An image that is not there, or not in the folder, is left out: the daemon draws the model
 // without it and warns, as prt does.
 static int add_image(const struct sender *s, const char *name, const char *full,
                      struct relight_error *error)
 {
-    struct stat st;
-    if (!is_inside(s->folder, full, name) || !is_plain(name) || stat(full, &st) ||
-        !S_ISREG(st.st_mode) || !st.st_size)
-        return 0;
+    if (!can_send(s, name, full)) return 0;
     return bundle_add(s->client, s->bundle, full, name, s->fn, s->user, error);
 }
+
+// ---- in a .gltf
 
 static int add_named(const struct sender *s, const cJSON *item, bool image,
                      struct relight_error *error)
@@ -149,7 +160,7 @@ static int add_named(const struct sender *s, const cJSON *item, bool image,
     int status = 0;
     if (!name || asprintf(&full, "%s%s", s->folder, name) < 0) {
         full = NULL;
-        status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+        status = no_memory(error);
     } else if (!bundle_has(s->bundle, name)) {
         status = (image ? add_image : add_buffer)(s, name, full, error);
     }
@@ -171,24 +182,137 @@ static int add_list(const struct sender *s, const cJSON *gltf, const char *list,
     return status;
 }
 
+static int add_gltf_files(const struct sender *s, const struct relight_mapping *map,
+                          bool images, struct relight_error *error)
+{
+    cJSON *json = cJSON_ParseWithLength(map->bytes, map->size);
+    if (!json) return relight_fail(error, RELIGHT_E_FILE, "", "%s: is not JSON", s->path);
+    int status = add_list(s, json, "buffers", error);
+    if (!status && images) status = add_list(s, json, "images", error);
+    cJSON_Delete(json);
+    return status;
+}
+
+// ---- in an .obj and its .mtl
+
+// The text behind the word at the beginning of a line of n bytes, in memory of its own without
+// blanks at its ends; NULL: another word, or no memory.
+static char *text_behind(const char *line, size_t n, const char *word)
+{
+    const size_t length = strlen(word);
+    while (n && strchr(" \t\r", line[n - 1])) n--;
+    while (n && (*line == ' ' || *line == '\t')) line++, n--;
+    if (n <= length || memcmp(line, word, length) || !strchr(" \t", line[length])) return NULL;
+    line += length, n -= length;
+    while (n && (*line == ' ' || *line == '\t')) line++, n--;
+    return strndup(line, n);
+}
+
+static int add_beside(const struct sender *s, const char *name, struct relight_error *error)
+{
+    char *full = NULL;
+    if (asprintf(&full, "%s%s", s->folder, name) < 0) return no_memory(error);
+    int status = bundle_has(s->bundle, name) ? 0 : add_image(s, name, full, error);
+    free(full);
+    return status;
+}
+
+static bool is_beside(const struct sender *s, const char *name)
+{
+    char *full = NULL;
+    if (asprintf(&full, "%s%s", s->folder, name) < 0) return false;
+    bool found = can_send(s, name, full);
+    free(full);
+    return found;
+}
+
+// The image of a line of a material library, whose name may hold blanks and has options before
+// it: the first of its words from which on the line names a file.
+static int add_map(const struct sender *s, char *text, struct relight_error *error)
+{
+    for (char *c = text; *c; c++)
+        if (*c == '\\') *c = '/';
+    for (char *at = text; *at; at += strspn(at, " \t")) {
+        const char *last = strrchr(at, '/');
+        const char *name = *at == '/' || strchr(at, ':') ? last ? last + 1 : "" : at;
+        if (is_beside(s, name)) return add_beside(s, name, error);
+        at += strcspn(at, " \t");
+    }
+    return 0;
+}
+
+// Calls add for each line that begins with one of the words.
+static int for_lines(const struct sender *s, const struct relight_mapping *map,
+                     const char *const word[],
+                     int (*add)(const struct sender *, char *, struct relight_error *),
+                     struct relight_error *error)
+{
+    const char *at = map->bytes, *stop = at + map->size;
+    int status = 0;
+    for (const char *end; at < stop && !status; at = end + 1) {
+        end = memchr(at, '\n', (size_t)(stop - at));
+        if (!end) end = stop;
+        for (int i = 0; word[i] && !status; i++) {
+            char *text = text_behind(at, (size_t)(end - at), word[i]);
+            if (text) status = add(s, text, error);
+            free(text);
+        }
+    }
+    return status;
+}
+
+static int add_library(const struct sender *s, char *name, struct relight_error *error)
+{
+    static const char *const maps[] = {"map_Kd", "map_Ke",   "map_Pr", "norm",
+                                       "map_Kn", "map_Bump", "bump",   NULL};
+    struct relight_mapping map;
+    char *full = NULL;
+    if (!is_beside(s, name)) return 0;
+    int status = add_beside(s, name, error);
+    if (!status && asprintf(&full, "%s%s", s->folder, name) < 0) {
+        full = NULL;
+        status = no_memory(error);
+    }
+    if (!status) status = relight_map_file(full, &map, error);
+    free(full);
+    if (status) return status;
+    status = for_lines(s, &map, maps, add_map, error);
+    munmap(map.bytes, map.size);
+    return status;
+}
+
+static int add_obj_files(const struct sender *s, const struct relight_mapping *map,
+                         struct relight_error *error)
+{
+    static const char *const libraries[] = {"mtllib", NULL};
+    return for_lines(s, map, libraries, add_library, error);
+}
+
+// ---- a model and its files
+
+static bool ends_in(const char *path, const char *ending)
+{
+    const size_t n = strlen(path), m = strlen(ending);
+    return n > m && !strcasecmp(path + n - m, ending);
+}
+
 static int add_files(struct sender *s, bool images, struct relight_error *error)
 {
+    const bool gltf = ends_in(s->path, ".gltf");
+    if (!gltf && !(images && ends_in(s->path, ".obj"))) return 0;
     struct relight_mapping map;
     int status = relight_map_file(s->path, &map, error);
     if (status) return status;
-    cJSON *json = cJSON_ParseWithLength(map.bytes, map.size);
-    munmap(map.bytes, map.size);
-    if (!json) return relight_fail(error, RELIGHT_E_FILE, "", "%s: is not JSON", s->path);
     bool slash = relight_base_name(s->path) > s->path;
     if (asprintf(&s->folder, "%.*s", slash ? (int)(relight_base_name(s->path) - s->path) : 2,
                  slash ? s->path : "./") < 0) {
         s->folder = NULL;
-        status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+        status = no_memory(error);
     }
-    if (!status) status = add_list(s, json, "buffers", error);
-    if (!status && images) status = add_list(s, json, "images", error);
+    if (!status)
+        status = gltf ? add_gltf_files(s, &map, images, error) : add_obj_files(s, &map, error);
     free(s->folder);
-    cJSON_Delete(json);
+    munmap(map.bytes, map.size);
     return status;
 }
 
@@ -199,12 +323,10 @@ static int upload_bundle(struct relight_client *client, const char *path, bool i
                          struct relight_error *error)
 {
     struct bundle *bundle = calloc(1, sizeof *bundle);
-    if (!bundle) return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+    if (!bundle) return no_memory(error);
     struct sender sender = {client, bundle, path, NULL, fn, user};
-    size_t n = strlen(path);
-    bool gltf = n > 5 && !strcasecmp(path + n - 5, ".gltf");
     int status = bundle_add(client, bundle, path, relight_base_name(path), fn, user, error);
-    if (!status && gltf) status = add_files(&sender, images, error);
+    if (!status) status = add_files(&sender, images, error);
     *out = bundle;
     return status;
 }
@@ -242,8 +364,7 @@ int relight_put_animation(struct relight_client *client, const char *model, cons
     int status = upload_bundle(client, path, false, NULL, NULL, &bundle, error);
     const size_t n = status ? 0 : bundle->n;
     Relight__FileRef *ref = calloc(n + 1, sizeof *ref), **refs = calloc(n + 1, sizeof *refs);
-    if (!status && (!ref || !refs))
-        status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
+    if (!status && (!ref || !refs)) status = no_memory(error);
     for (size_t i = 0; !status && i < n; i++) {
         relight__file_ref__init(refs[i] = ref + i);
         ref[i].name = relight_text(bundle->file[i].name);

@@ -134,4 +134,45 @@ def uploads_images():
         expect(not state.complete and not state.received, 'a file from elsewhere was sent')
 
 
-main(check, uploads_images)
+OBJ = """mtllib none.mtl
+mtllib its materials.mtl\r
+v 0 0 1\nv 1 0 0\nv 0 1 0\nv -1 0 0\nv 0 -1 0\nv 0 0 -1
+vt 0 0\nvt 1 0\nvt 1 1
+usemtl skin
+""" + ''.join('f 1/1 %d/2 %d/3\nf 6/1 %d/2 %d/3\n' % (a, b, b, a) for a, b in ((2, 3), (3, 4), (4, 5), (5, 2)))
+MTL = """newmtl skin
+map_Kd -s 1 1 1 -clamp on maps\\skin & all.png
+  map_Pr\t../secret.png
+norm link.png
+map_Ke missing.png
+"""
+
+
+def uploads_libraries():
+    """An .obj comes with its material library and that one's images, but none from elsewhere."""
+    os.makedirs('obj/maps', exist_ok=True)
+    for name, part in (('o.obj', OBJ.encode()), ('its materials.mtl', MTL.encode()),
+                       ('maps/skin & all.png', png(4, 4, [[(200, 20, 20)] * 4] * 4))):
+        with open('obj/' + name, 'wb') as f:
+            f.write(part)
+    with open('hidden.png', 'wb') as f:
+        f.write(png(3, 3, [[(3, 2, 1)] * 3] * 3))
+    os.symlink('../hidden.png', 'obj/link.png')
+    own = ['--mm-per-unit', '1000', '--material', 'marble', '--preview']
+    light = ['--env', 'constant', '--size', '64x64']
+    prt('image', 'obj/o.obj', '--mm-per-unit', '1000', '--material', 'marble', '--engine', 'tangent', *light,
+        '-o', 'here.exr')
+    with daemon('--data', 'data3'), package.Client('unix:socket') as client:
+        relight('load', 'obj/o.obj', '--name', 'obj', *own)
+        relight('image', 'obj', '--engine', 'tangent', *light, '-o', 'there.exr')
+        expect(len(images_of(client, 'obj')) == 1, 'images of the .obj: %s' % images_of(client, 'obj'))
+        same('there.exr', 'here.exr', .01)
+        for name in ('secret.png', 'hidden.png'):
+            with open(name, 'rb') as f:
+                secret = f.read()
+            state = client._call('PUT_BLOB', message('PutBlobRequest', hash=hashlib.sha256(secret).hexdigest(),
+                                                     size=len(secret))).message
+            expect(not state.complete and not state.received, '%s was sent' % name)
+
+
+main(check, uploads_images, uploads_libraries)
