@@ -124,6 +124,9 @@ def uploads_images():
             expect(('../secret.png' in said) == (name == 'bare'), 'warnings of %s: %s' % (name, said))
             relight('image', name, *picture, '-o', name + '.exr')
         expect(images_of(client, 'whole') == images_of(client, 'parts') != [], 'the image did not come')
+        before = client.info('parts').id
+        model = client.load('model/t.gltf', name='parts', mm_per_unit=1000, material='marble', preview=True)
+        expect(model == before, 'the files of client/python differ')
         expect(images_of(client, 'bare') == [], 'an image from elsewhere came')
         same('parts.exr', 'whole.exr', .01)
         prt('compare', 'bare.exr', 'whole.exr', '--max-rmse', '.1', status=1)
@@ -167,6 +170,9 @@ def uploads_libraries():
         relight('image', 'obj', '--engine', 'tangent', *light, '-o', 'there.exr')
         expect(len(images_of(client, 'obj')) == 1, 'images of the .obj: %s' % images_of(client, 'obj'))
         same('there.exr', 'here.exr', .01)
+        before = client.info('obj').id
+        model = client.load('obj/o.obj', name='obj', mm_per_unit=1000, material='marble', preview=True)
+        expect(model == before, 'the files of client/python differ')
         for name in ('secret.png', 'hidden.png'):
             with open(name, 'rb') as f:
                 secret = f.read()

@@ -19,6 +19,7 @@ from .connection import Connection, Frame, default_address
 from .errors import RelightError
 from .formats import Floats
 from .messages import enum, message, word
+from .model_files import named_files
 
 Vector = Sequence[float]
 Light = Union[str, os.PathLike[str], npt.NDArray[np.float32]]
@@ -267,6 +268,7 @@ class Client:
              materials: Optional[Mapping[str, Material]] = None, **bake: Any) -> str:
         """Uploads and loads a model (file), or loads one of the daemon's folder (path); its id.
 
+        With a .gltf go its buffers and images, with an .obj its material library and the images of that.
         Without a material the bake leaves it open (joint transport). materials: those of single
         objects, by the name of a glTF material or node. preview: no bake, pictures
         come from the image-space engines. draft: a draft answers until the bake is done. wait: until
@@ -277,8 +279,9 @@ class Client:
         if (file is None) == (path is None):
             raise RelightError("ARGUMENT", "load takes either a file to upload or a path at the daemon")
         if file is not None:
-            blob = self.upload(file, progress=progress)
-            request.files.append(message("FileRef", name=os.path.basename(os.fspath(file)), blob=blob))
+            whole = os.fspath(file)
+            for own, full in [(os.path.basename(whole), whole), *named_files(whole)]:
+                request.files.append(message("FileRef", name=own, blob=self.upload(full, progress=progress)))
         else:
             request.path = path
         if size_mm is not None:
