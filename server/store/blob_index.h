@@ -59,6 +59,7 @@ struct blobs {
     struct blob_lru lru;
     struct blob_owner *owners;
     struct upload *uploads;
+    struct blob_waiter *woken;  /* of the check that has just ended */
     struct blob_fetch *fetches; /* copies from the shared folder under way */
     uint64_t last_trash;
 };

@@ -419,9 +419,10 @@ static void done_check(struct work *work)
         log_line(LOG_WARN, "blob hash=%.12s is damaged on disk and was removed", b->hash);
         blob_remove(c->blobs, b);
     }
-    for (struct blob_waiter *w = waiters, *next; w; w = next) {
-        next = w->next;
-        w->wake(w);
+    c->blobs->woken = waiters;
+    for (struct blob_waiter *w; (w = c->blobs->woken);) {
+        c->blobs->woken = w->next;
+        w->wake(w); // may end the waits of others
     }
     free(c);
 }
@@ -451,12 +452,20 @@ void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *wait
     work_submit(blobs->setup.work, &c->work);
 }
 
+// False where the list has no such waiter.
+static bool take_out(struct blob_waiter **at, const struct blob_waiter *waiter)
+{
+    while (*at && *at != waiter) at = &(*at)->next;
+    if (!*at) return false;
+    *at = waiter->next;
+    return true;
+}
+
 void blobs_check_leave(struct blobs *blobs, const char *hash, struct blob_waiter *waiter)
 {
+    if (take_out(&blobs->woken, waiter)) return;
     struct blob *b = blob_find(blobs, hash);
-    struct blob_waiter **at = &b->waiters;
-    while (*at != waiter) at = &(*at)->next;
-    *at = waiter->next;
+    take_out(&b->waiters, waiter);
     if (b->waiters || !work_dequeue(&b->check->work)) return;
     free(b->check);
     b->check = NULL;

@@ -340,14 +340,12 @@ void cache_release(struct cache_entry *e)
     admit_next(holds_file && cache->files ? cache->files : cache);
 }
 
+// A call may end the waits of others, as where an answer closes its connection.
 static void wake_all(struct cache_entry *e)
 {
-    struct cache_waiter *w = e->waiters;
-    e->waiters = NULL;
-    while (w) {
-        struct cache_waiter *next = w->next;
+    for (struct cache_waiter *w; (w = e->waiters);) {
+        e->waiters = w->next;
         w->wake(w);
-        w = next;
     }
 }
 
@@ -394,11 +392,11 @@ void cache_wait(struct cache_entry *e, struct cache_waiter *waiter)
 
 void cache_leave(struct cache_entry *e, struct cache_waiter *waiter)
 {
-    assert(e->state == CACHE_PENDING);
     struct cache_waiter **at = &e->waiters;
     while (*at && *at != waiter) at = &(*at)->next;
     assert(*at);
     *at = waiter->next;
+    if (e->state != CACHE_PENDING) return;
     if (!e->waiters && e->refs == 2 && e->unwanted) e->unwanted(e);
 }
 

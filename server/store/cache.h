@@ -69,8 +69,9 @@ void cache_grow(struct cache_entry *entry, size_t bytes);
 /* Wakes the waiters and removes the entry from the table: a later request computes it again. */
 void cache_fail(struct cache_entry *entry, int error_code, const char *text);
 void cache_wait(struct cache_entry *entry, struct cache_waiter *waiter);
-/* The waiter of a pending entry, which the caller holds, stops waiting; when it was the last
- * and only the entry's job holds it besides, the entry's `unwanted` is called. */
+/* A waiter whose wake was not called yet stops waiting for the entry, which the caller holds:
+ * also where the entry has ended and others are being woken. When the entry is pending, it was
+ * the last and only the entry's job holds it besides, the entry's `unwanted` is called. */
 void cache_leave(struct cache_entry *entry, struct cache_waiter *waiter);
 /* Removes all entries whose key begins with the prefix (a model was unloaded): they cannot be
  * found any more, and their users keep them. `pending`: pending entries, too. */

@@ -67,6 +67,7 @@ struct imports {
     void *scanned_user;
     struct import_copy *copy;
     struct copying *copying;
+    struct copying *ended; // the one whose waiters are being told
     struct import_listed *listed;
     size_t n_listed;
     struct loop_timer timer;
@@ -437,6 +438,7 @@ static void copying_done(struct file_task *task)
     int code = task->status ? RELIGHT__ERROR_CODE__ERROR_INTERNAL : f->code;
     for (at = &imports->copying; *at != c;) at = &(*at)->next;
     *at = c->next;
+    imports->ended = c;
     if (!code && !(copy = make_entry(imports, f->hash)))
         code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     if (copy) {
@@ -456,6 +458,7 @@ static void copying_done(struct file_task *task)
         if (c->scanned) log_line(LOG_WARN, "import path=%s error=\"%s\"", c->path, f->error);
         tell(c, NULL, code, f->error[0] ? f->error : "not enough memory");
     }
+    imports->ended = NULL;
     if (c->known) {
         import_unuse(c->known);
         free_unused(imports, c->known);
@@ -506,13 +509,21 @@ void imports_get(struct imports *imports, const char *path, const char *owner,
     c->waiting = request;
 }
 
+// False where it does not wait for this one.
+static bool take_out(struct copying *c, const struct import_request *request)
+{
+    struct import_request **at = &c->waiting;
+    while (*at && *at != request) at = &(*at)->next;
+    if (!*at) return false;
+    *at = request->next;
+    return true;
+}
+
 void imports_cancel(struct imports *imports, struct import_request *request)
 {
+    if (imports->ended && take_out(imports->ended, request)) return;
     for (struct copying *c = imports->copying; c; c = c->next) {
-        struct import_request **at = &c->waiting;
-        while (*at && *at != request) at = &(*at)->next;
-        if (!*at) continue;
-        *at = request->next;
+        if (!take_out(c, request)) continue;
         if (!c->waiting && !c->scanned) atomic_store(&c->stop, true);
         return;
     }

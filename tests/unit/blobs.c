@@ -500,6 +500,43 @@ static void test_one_of_two_leaves_a_check(void **state)
     sem_destroy(&let_go);
 }
 
+struct leaver {
+    struct blob_waiter waiter; // first
+    struct store *store;
+    const char *hash;
+    struct waiter *other;
+};
+
+static void leave_for_another(struct blob_waiter *waiter)
+{
+    struct leaver *l = (struct leaver *)waiter;
+    blobs_check_leave(l->store->blobs, l->hash, &l->other->waiter);
+    memset(l->other, 0xa5, sizeof *l->other); // it is freed
+}
+
+// Whoever is woken by a check may end another's wait for it, be the blob good or damaged.
+static void test_leaving_a_check_that_has_ended(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], path[4096];
+    put_whole(&s, "ann", 'g', 5000, hash);
+    blobs_path(s.blobs, hash, path, sizeof path);
+    for (int damaged = 0; damaged < 2; damaged++) {
+        struct waiter gone = {.waiter.wake = woken}, last = gone;
+        struct leaver first = {{.wake = leave_for_another}, &s, hash, &gone};
+        if (damaged) assert_int_equal(truncate(path, 4999), 0);
+        reopen_store(&s);
+        blobs_check(s.blobs, hash, &first.waiter);
+        blobs_check(s.blobs, hash, &gone.waiter);
+        blobs_check(s.blobs, hash, &last.waiter);
+        turn_until_idle(&s);
+        assert_true(last.woken);
+        assert_int_equal(blobs_has(s.blobs, hash), !damaged);
+    }
+    close_store(&s);
+}
+
 static void test_names_and_owners(void **state)
 {
     struct store s;
@@ -878,6 +915,7 @@ int main(void)
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
         cmocka_unit_test(test_one_of_two_leaves_a_check),
+        cmocka_unit_test(test_leaving_a_check_that_has_ended),
         cmocka_unit_test(test_names_and_owners),
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_eviction_within_shares),

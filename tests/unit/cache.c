@@ -241,6 +241,46 @@ static void test_waiters(void **state)
     cache_destroy(cache);
 }
 
+struct leaver {
+    struct cache_waiter waiter; // first
+    struct cache_entry *entry;
+    struct waiting *other;
+};
+
+static void leave_for_another(struct cache_waiter *waiter)
+{
+    struct leaver *l = (struct leaver *)waiter;
+    cache_leave(l->entry, &l->other->waiter);
+    memset(l->other, 0xa5, sizeof *l->other); // it is freed
+}
+
+// One that is woken may end the wait of another, which is not woken then.
+static void test_leaving_while_others_are_woken(void **state)
+{
+    struct cache *cache;
+    struct waiting gone = {.waiter.wake = wake}, last = gone;
+    bool fresh;
+    assert_int_equal(cache_create(1 << 20, &cache), 0);
+    for (int fails = 0; fails < 2; fails++) {
+        struct cache_entry *e = cache_get(cache, fails ? "bad" : "good", &fresh);
+        struct leaver first = {{.wake = leave_for_another}, e, &gone};
+        n_woken = n_unwanted = 0;
+        e->unwanted = count_unwanted;
+        gone = last = (struct waiting){.waiter.wake = wake};
+        cache_hold(e);
+        cache_wait(e, &first.waiter);
+        cache_wait(e, &gone.waiter);
+        cache_wait(e, &last.waiter);
+        if (fails) cache_fail(e, 1, "no");
+        else cache_fill(e, malloc(VALUE), VALUE, destroy);
+        assert_int_equal(n_woken, 1);
+        assert_int_equal(last.at, 1);
+        assert_int_equal(n_unwanted, 0);
+        for (int i = 0; i < 2; i++) cache_release(e);
+    }
+    cache_destroy(cache);
+}
+
 static unsigned longest_chain(const struct cache_entry *const *entry, unsigned n)
 {
     unsigned longest = 0;
@@ -483,6 +523,7 @@ int main(void)
         cmocka_unit_test(test_small_values_are_bounded),
         cmocka_unit_test(test_pending_ones_stay),
         cmocka_unit_test(test_waiters),
+        cmocka_unit_test(test_leaving_while_others_are_woken),
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
         cmocka_unit_test(test_room_is_promised),
