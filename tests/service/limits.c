@@ -631,6 +631,74 @@ static void test_answer_beyond_the_send_buffer(void **state)
     end();
 }
 
+// The connection ends while its answers are made; the daemon goes on.
+static void ends(struct frames *f)
+{
+    struct frames_answer a;
+    frames_send(f);
+    do assert_true(frames_next(f, &a, 20000, NULL));
+    while (!a.closed);
+    frames_close(f);
+    served();
+}
+
+// Many requests of one connection wait for the same thing. The answers to the first pass the
+// send buffer, which closes the connection, and ends the others while they are being woken.
+static void test_closed_by_one_of_many_answers(void **state)
+{
+    static const char *const extra[] = {"--send-buffer", "1k", NULL};
+    enum { N = 100 };
+    char model[32];
+    begin(extra);
+    struct relight_error error;
+    struct relight_client *client = client_open(d.address);
+    load_preview(client, model);
+    OK(relight_unload(client, model, false, NULL, &error));
+    struct frames *f = frames_open(&d);
+    Relight__InfoRequest info = RELIGHT__INFO_REQUEST__INIT;
+    info.model = model;
+    for (uint64_t id = 2; id < 2 + N; id++) // of a model whose file is opened first
+        frames_add(f, RELIGHT_TYPE_INFO, id, &info.base, NULL, 0);
+    ends(f);
+    f = frames_open(&d);
+    Relight__LoadRequest load = RELIGHT__LOAD_REQUEST__INIT;
+    load.path = "nothing.glb";
+    load.size_mm = 10;
+    load.material = "marble";
+    for (uint64_t id = 2; id < 2 + N; id++) // of a file that is looked for
+        frames_add(f, RELIGHT_TYPE_LOAD, id, &load.base, NULL, 0);
+    ends(f);
+    relight_close(client);
+    end();
+}
+
+// The same where they wait for lights that one pass over the transport computes.
+static void test_closed_by_one_light_of_a_pass(void **state)
+{
+    static const char *const extra[] = {"--send-buffer", "64", NULL};
+    enum { N = 16, ROUNDS = 10 };
+    char model[ID_SIZE], env[N][40];
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    bake_small(client, &d, model);
+    for (int round = 0; round < ROUNDS; round++) {
+        struct frames *f = frames_open(&d);
+        for (int i = 0; i < N; i++) {
+            Relight__ColorsRequest colors = RELIGHT__COLORS_REQUEST__INIT;
+            Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
+            snprintf(env[i], sizeof env[i], "constant:%d,%d,1", round + 1, i + 1);
+            light.env = env[i];
+            colors.model = model;
+            colors.lights = lights;
+            colors.n_lights = 1;
+            frames_add(f, RELIGHT_TYPE_COLORS, 2 + (uint64_t)i, &colors.base, NULL, 0);
+        }
+        ends(f);
+    }
+    relight_close(client);
+    end();
+}
+
 // ---- headers
 
 // Half a million empty messages in one header are refused before any is unpacked.
@@ -813,6 +881,8 @@ int main(void)
         cmocka_unit_test_teardown(test_largest_output_is_closed, teardown),
         cmocka_unit_test_teardown(test_reader_that_stays_behind, teardown),
         cmocka_unit_test_teardown(test_answer_beyond_the_send_buffer, teardown),
+        cmocka_unit_test_teardown(test_closed_by_one_of_many_answers, teardown),
+        cmocka_unit_test_teardown(test_closed_by_one_light_of_a_pass, teardown),
         cmocka_unit_test_teardown(test_headers_that_unpack_to_much, teardown),
         cmocka_unit_test_teardown(test_idle_after_a_large_header, teardown),
         cmocka_unit_test_teardown(test_cubes_are_hashed_elsewhere, teardown),

@@ -52,6 +52,7 @@ struct gathering {
     unsigned most;          // items of a pass
     struct loop_timer hold; // while it waits for lights that are being turned
     uint64_t held_ns;       // since when; 0: it does not
+    bool ending;            // the entries of a pass that has ended are being filled
     struct pass pass[MOST_PASSES];
     char before[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // payers of the last pass that ended
     unsigned n_before;
@@ -373,10 +374,10 @@ static void hold_ended(struct loop_timer *timer)
     go_on((struct gathering *)((char *)timer - offsetof(struct gathering, hold)));
 }
 
-// Frees the gathering where nothing runs or waits.
+// Frees the gathering where nothing runs or waits, and no pass is ending.
 static void end_gathering(struct gathering *g)
 {
-    if (g->first) return;
+    if (g->first || g->ending) return;
     for (unsigned k = 0; k < MOST_PASSES; k++)
         if (g->pass[k].first) return;
     g->model->gathering = NULL;
@@ -451,9 +452,10 @@ static void pass_done(struct work *work)
     memcpy(g->before, pass->payer, sizeof g->before);
     count_pass(&g->model->server->stats, n);
     pass->first = NULL;
-    // Before the entries are filled: their waiters may call relight_pass_get().
+    // Before the entries are filled: their waiters may call relight_pass_get(), and leave the
+    // entries that are filled after theirs.
+    g->ending = true;
     go_on(g);
-    end_gathering(g);
     while (item) {
         struct pass_item *next = item->next;
         item->job.ms = ms;
@@ -461,6 +463,8 @@ static void pass_done(struct work *work)
         cache_job_complete(&item->job, item->status);
         item = next;
     }
+    g->ending = false;
+    end_gathering(g);
 }
 
 static struct gathering *create_gathering(struct model *model, const struct prt_file *file)
