@@ -329,17 +329,19 @@ void room_subscribe(struct request *request)
 
 void seats_check(struct room *room)
 {
-    for (struct seat *s = room->seats, *next; s && room->state; s = next) {
-        next = s->next;
+    for (struct seat *s = room->seats; s && room->state;) {
         int role = caller_role(s->request, room);
-        if (role == s->role) continue;
-        if (!role) {
+        if (!role && s->role) {
             request_stop(s->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                          "you are no member of this room any more");
+            s = room->seats; // the refusal may close the connection, and end other seats
             continue;
         }
-        s->role = role;
-        set_me(s, s->me);
+        if (role != s->role) {
+            s->role = role;
+            set_me(s, s->me);
+        }
+        s = s->next;
     }
 }
 

@@ -404,6 +404,32 @@ static void members_and_scopes(void **unused)
     end();
 }
 
+// Who sits in a room many times and is taken out of it does not take the refusals in, so that
+// the connection is closed in the midst of them.
+static void closed_while_it_leaves_its_seats(void **unused)
+{
+    enum { N = 40 };
+    begin((const char *const[]){"--send-buffer", "1500", NULL});
+    struct frames *owner = frames_open(&d);
+    char room[33], secret[RELIGHT_SECRET];
+    room_create(owner, "seats", room);
+    make_token("bob", 1, secret);
+    assert_int_equal(set_member(owner, room, "token:bob", RELIGHT__ROOM_ROLE__ROLE_VIEWER), 0);
+    struct frames *bob = frames_token(&d, secret, NULL);
+    for (uint64_t id = 10; id < 10 + N; id++) {
+        room_add_subscribe(bob, id, room, 0, "");
+        frames_send(bob);
+        struct reply r = event_of(bob, id, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
+        reply_free(&r);
+    }
+    assert_int_equal(set_member(owner, room, "token:bob", RELIGHT__ROOM_ROLE__ROLE_NONE), 0);
+    assert_true(log_says(&d, "why=\"it reads too slowly", 10000));
+    free_state(room_state(owner, room, NULL, NULL));
+    frames_close(bob);
+    frames_close(owner);
+    end();
+}
+
 // Waits until that subscription has seen a participant of this principal in this role.
 static void see_role(struct frames *f, uint64_t id, const char *by, int role)
 {
@@ -836,6 +862,7 @@ int main(void)
         cmocka_unit_test_teardown(an_own_scene_is_seen, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
         cmocka_unit_test_teardown(members_and_scopes, teardown),
+        cmocka_unit_test_teardown(closed_while_it_leaves_its_seats, teardown),
         cmocka_unit_test_teardown(a_new_role_is_seen, teardown),
         cmocka_unit_test_teardown(guests, teardown),
         cmocka_unit_test_teardown(the_list_tells_roles, teardown),
