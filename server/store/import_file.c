@@ -6,6 +6,7 @@
 #include "prt/transport.h"
 #include "relight.pb-c.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -143,18 +144,23 @@ static void fail_errno(struct import_file *out, const char *path, int err)
          path, text);
 }
 
+static int hex_digit(char c)
+{
+    return isdigit((unsigned char)c) ? c - '0' : (c | 32) - 'a' + 10;
+}
+
 // The file names in a .gltf, read as text: "uri": "NAME" with JSON's escapes of printable
 // characters and per cent signs resolved. Data URIs and paths out of the folder are left out.
 static bool read_uri(const char *at, const char *end, char *name, size_t n)
 {
     size_t k = 0;
     for (; at < end && k + 1 < n; at++) {
-        unsigned code;
         char c = *at;
         if (c == '\\' && at + 1 < end && (at[1] == '/' || at[1] == '"')) c = *++at;
         else if (c == '\\') return false;
-        else if (c == '%' && end - at > 2 && sscanf(at + 1, "%2x", &code) == 1) {
-            c = (char)code;
+        else if (c == '%' && end - at > 2 && isxdigit((unsigned char)at[1]) &&
+                 isxdigit((unsigned char)at[2])) {
+            c = (char)(hex_digit(at[1]) << 4 | hex_digit(at[2]));
             at += 2;
         }
         name[k++] = c;

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: MIT
+// What a scan of --models finds, and which files a .gltf names (server/store/import_file.h).
+#include "store/import_file.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static char folder[] = "/tmp/import-list-XXXXXX";
+
+static void put_text(const char *name, const char *text)
+{
+    char path[300];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    for (char *slash = path + strlen(folder) + 1; (slash = strchr(slash, '/'));
+         *slash++ = '/') {
+        *slash = 0;
+        mkdir(path, 0700);
+    }
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    assert_true(fputs(text, file) >= 0);
+    assert_int_equal(fclose(file), 0);
+}
+
+// At most n more descriptors; returns how many there could be before.
+static rlim_t leave_descriptors(unsigned n)
+{
+    struct rlimit limit;
+    int lowest = dup(0);
+    assert_true(lowest >= 0);
+    close(lowest);
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    rlim_t before = limit.rlim_cur;
+    limit.rlim_cur = (rlim_t)lowest + n;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    return before;
+}
+
+static void descriptors_again(rlim_t n)
+{
+    struct rlimit limit;
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    limit.rlim_cur = n;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+}
+
+static void list_known(struct import_list *list, const char *name)
+{
+    *list = (struct import_list){0};
+    assert_non_null(list->known = calloc(1, sizeof *list->known));
+    assert_non_null(list->known[0].name = strdup(name));
+    list->n_known = 1;
+    import_list(folder, list);
+}
+
+// A scan that lacks descriptors says nothing of the folder: files that it could not open are
+// not gone.
+static void test_scan_without_descriptors(void **state)
+{
+    struct import_list list;
+    put_text("a.prt", "");
+    put_text("ball/model.json", "{}");
+    put_text("ball/1/o.obj", "v 0 0 0\n");
+    list_known(&list, "a.prt");
+    assert_true(list.readable);
+    assert_int_equal(list.n, 2);
+    assert_true(list.known[0].stamp[0]);
+    import_list_finish(&list);
+    list_known(&list, "gone.prt"); // one that is not there is no fault of the scan
+    assert_true(list.readable);
+    assert_false(list.known[0].stamp[0]);
+    import_list_finish(&list);
+    for (unsigned n = 0; n < 4; n++) { // the folder; a file or NAME; NAME/VERSION; model.json
+        rlim_t before = leave_descriptors(n);
+        list_known(&list, "a.prt");
+        descriptors_again(before);
+        assert_false(list.readable);
+        import_list_finish(&list);
+    }
+    rlim_t before = leave_descriptors(4);
+    list_known(&list, "a.prt");
+    descriptors_again(before);
+    assert_true(list.readable);
+    assert_int_equal(list.n, 2);
+    import_list_finish(&list);
+}
+
+static void copy(const char *name, struct import_file *out)
+{
+    char to[300];
+    atomic_bool stop = false;
+    snprintf(to, sizeof to, "%s/copies", folder);
+    mkdir(to, 0700);
+    import_copy_file(folder, name, to, "", "", 1 << 30, &stop, out);
+}
+
+static void test_names_in_a_gltf(void **state)
+{
+    struct import_file file;
+    put_text("names.gltf", "{\"buffers\": [{\"uri\": \"a%20b.bin\"}, {\"uri\": \"100%.bin\"},"
+                           "{\"uri\": \"%c3%A4.bin\"}, {\"uri\": \"%2e%2e/up.bin\"},"
+                           "{\"uri\": \"a%20b.bin\"}, {\"uri\": \"% f.bin\"}]}");
+    copy("names.gltf", &file);
+    assert_int_equal(file.code, 0);
+    assert_int_equal(file.n_name, 4);
+    assert_string_equal(file.name[0], "a b.bin");
+    assert_string_equal(file.name[1], "100%.bin");
+    assert_string_equal(file.name[2], "\xc3\xa4.bin");
+    assert_string_equal(file.name[3], "% f.bin");
+    import_file_finish(&file);
+}
+
+// The time for names with per cent signs grows with the file, not with its square.
+static void test_names_take_linear_time(void **state)
+{
+    enum { N = 4000, SIGNS = 190 };
+    struct import_file file;
+    struct timespec begin, end;
+    char *text = malloc(N * (3 * SIGNS + 12) + 1), *at = text;
+    assert_non_null(text);
+    for (int i = 0; i < N; i++) {
+        at += sprintf(at, "\"uri\":\"");
+        for (int k = 0; k < SIGNS; k++) at += sprintf(at, "%%41");
+        at += sprintf(at, "\",\n");
+    }
+    put_text("many.gltf", text);
+    free(text);
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    copy("many.gltf", &file);
+    clock_gettime(CLOCK_MONOTONIC, &end);
+    assert_int_equal(file.code, 0);
+    assert_int_equal(file.n_name, 1);
+    assert_true(end.tv_sec - begin.tv_sec < 5);
+    import_file_finish(&file);
+}
+
+static int setup(void **state)
+{
+    return mkdtemp(folder) ? 0 : -1;
+}
+
+static int teardown(void **state)
+{
+    char command[100];
+    snprintf(command, sizeof command, "rm -rf %s", folder);
+    return system(command);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_scan_without_descriptors),
+        cmocka_unit_test(test_names_in_a_gltf),
+        cmocka_unit_test(test_names_take_linear_time),
+    };
+    return cmocka_run_group_tests_name("import_list", tests, setup, teardown);
+}
