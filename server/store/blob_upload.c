@@ -445,7 +445,14 @@ static void was_checked(struct blob_waiter *waiter)
 {
     struct blob_put *put =
         (struct blob_put *)((char *)waiter - offsetof(struct blob_put, waiter));
-    blobs_put(put->blobs, put);
+    const struct blob *b = blob_find(put->blobs, put->hash);
+    if (!b || b->checked || b->checking || put->abandoned) {
+        blobs_put(put->blobs, put);
+        return;
+    }
+    snprintf(put->error, sizeof put->error,
+             "the bytes are there and cannot be checked: memory or descriptors are short");
+    finish(put, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY);
 }
 
 static void is_there(struct blobs *blobs, struct blob *b, struct blob_put *put)

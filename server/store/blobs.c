@@ -390,13 +390,14 @@ struct check {
     struct blob *blob; // stays while it is checking
     char path[4096], hash[65];
     enum blob_format format;
+    int err; // the bytes could not be read
 };
 
 static int run_check(struct work *work, const struct prt_context *ctx)
 {
     struct check *c = (struct check *)work;
     char bytes[4];
-    if (blobs_hash_file(c->path, c->hash)) c->hash[0] = 0;
+    c->err = blobs_hash_file(c->path, c->hash);
     int fd = open(c->path, O_RDONLY | O_CLOEXEC);
     ssize_t n = fd < 0 ? 0 : read(fd, bytes, sizeof bytes);
     if (fd >= 0) close(fd);
@@ -404,18 +405,26 @@ static int run_check(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
+// Lack of memory or descriptors says nothing about a blob: its next use checks it.
+static bool says_nothing(int err)
+{
+    return err == -ENOMEM || err == -EMFILE || err == -ENFILE;
+}
+
 static void done_check(struct work *work)
 {
     struct check *c = (struct check *)work;
     struct blob *b = c->blob;
     struct blob_waiter *waiters = b->waiters;
-    bool good = !strcmp(c->hash, b->hash);
+    bool good = !c->err && !strcmp(c->hash, b->hash);
     b->waiters = NULL;
     b->checking = false;
     b->check = NULL;
     b->checked = good;
     b->format = c->format;
-    if (!good) {
+    if (says_nothing(c->err)) {
+        log_line(LOG_WARN, "blob hash=%.12s cannot be checked: %s", b->hash, strerror(-c->err));
+    } else if (!good) {
         log_line(LOG_WARN, "blob hash=%.12s is damaged on disk and was removed", b->hash);
         blob_remove(c->blobs, b);
     }

@@ -44,7 +44,8 @@ uint64_t blobs_held(const struct blobs *blobs, const char *owner);
 
 /* A blob that was there at the start is hashed before its first use. blobs_check calls `wake`
  * when that is done, at once when it was done before; blobs_has then says whether the blob is
- * there. A blob whose bytes do not have its hash is removed. */
+ * there. A blob whose bytes do not have its hash is removed; one that could not be read for
+ * lack of memory or descriptors stays, unchecked. */
 struct blob_waiter {
     struct blob_waiter *next;
     void (*wake)(struct blob_waiter *waiter);

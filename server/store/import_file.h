@@ -59,7 +59,8 @@ struct import_list {
     size_t n;
     struct import_known *known;
     size_t n_known;
-    bool readable; /* false: the folder itself could not be read, and nothing is known of it */
+    bool readable; /* false: nothing is known of the folder: it could not be read, or memory or
+                    * descriptors were short */
 };
 /* Lists the model files of the folder and of its NAME/VERSION folders, and fills the stamps of
  * list->known. */

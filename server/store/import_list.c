@@ -36,11 +36,18 @@ static struct import_entry *next_entry(struct import_list *list)
     return list->n < MAX_LISTED ? &list->entry[list->n] : NULL;
 }
 
+// A scan that lacks memory or descriptors says nothing of the folder.
+static void note_lack(struct import_list *list, int err)
+{
+    if (err == EMFILE || err == ENFILE || err == ENOMEM) list->readable = false;
+}
+
 // Adds the file of this path; false where it is no regular file below the folder.
 static bool add_file(struct import_list *list, int root, const char *path, char *version)
 {
     struct import_entry *e = next_entry(list);
-    int fd = e ? import_open_below(root, path, O_PATH, e->stamp, &e->bytes) : -1;
+    int fd = e ? import_open_below(root, path, O_PATH, e->stamp, &e->bytes) : -EMLINK;
+    if (fd < 0) note_lack(list, -fd);
     if (fd < 0) return false;
     close(fd);
     (void)is_model_file(path, &e->prt);
@@ -65,25 +72,30 @@ static void add_fault(struct import_list *list, char *version, const char *fmt, 
     list->n++;
 }
 
-static DIR *open_folder(int root, const char *path)
+static DIR *open_folder(struct import_list *list, int root, const char *path)
 {
     int fd = import_open_any_below(root, path, O_RDONLY | O_DIRECTORY);
     DIR *dir = fd < 0 ? NULL : fdopendir(fd);
+    if (!dir) note_lack(list, fd < 0 ? -fd : errno);
     if (fd >= 0 && !dir) close(fd);
     return dir;
 }
 
 // NULL where there is none; "" where it cannot be read.
-static char *read_settings(int root, const char *folder)
+static char *read_settings(struct import_list *list, int root, const char *folder)
 {
     char path[300], stamp[IMPORT_STAMP];
     uint64_t bytes;
     snprintf(path, sizeof path, "%s/model.json", folder);
     int fd = import_open_below(root, path, O_RDONLY | O_NONBLOCK, stamp, &bytes);
-    if (fd < 0) return NULL;
+    if (fd < 0) {
+        note_lack(list, -fd);
+        return NULL;
+    }
     char *text = bytes <= MAX_SETTINGS ? calloc(1, MAX_SETTINGS + 1) : strdup("");
     ssize_t n = text && *text == 0 && bytes <= MAX_SETTINGS ? read(fd, text, MAX_SETTINGS) : 0;
     if (text && n >= 0) text[n] = 0;
+    if (!text) note_lack(list, ENOMEM);
     close(fd);
     return text;
 }
@@ -118,12 +130,12 @@ static void list_version(struct import_list *list, int root, const char *name,
 {
     char folder[160], file[256] = "", path[300], shown[256], *version = NULL;
     snprintf(folder, sizeof folder, "%s/%s", name, number);
-    DIR *dir = open_folder(root, folder);
+    DIR *dir = open_folder(list, root, folder);
     if (!dir) return;
     name_printable(folder, shown, sizeof shown);
     version = strdup(shown);
-    char *settings = read_settings(root, folder);
-    if (!settings) settings = read_settings(root, name);
+    char *settings = read_settings(list, root, folder);
+    if (!settings) settings = read_settings(list, root, name);
     named_file(settings, file);
     unsigned n = file[0] ? 1 : only_file(dir, file);
     snprintf(path, sizeof path, "%s/%s", folder, file);
@@ -159,7 +171,7 @@ static bool is_version(const char *name)
 
 static void list_versions(struct import_list *list, int root, const char *name, unsigned *n)
 {
-    DIR *dir = open_folder(root, name);
+    DIR *dir = open_folder(list, root, name);
     for (struct dirent *d; dir && *n < MAX_FOLDERS && (d = readdir(dir));) {
         if (d->d_type == DT_REG || !is_version(d->d_name)) continue;
         ++*n;
@@ -174,6 +186,7 @@ static void look_again(struct import_list *list, int root)
         struct import_known *k = &list->known[i];
         uint64_t bytes;
         int fd = import_open_below(root, k->name, O_PATH, k->stamp, &bytes);
+        if (fd < 0) note_lack(list, -fd);
         if (fd < 0) k->stamp[0] = 0;
         else close(fd);
     }

@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -459,6 +460,51 @@ static void test_blobs_are_checked_before_first_use(void **state)
     struct sent sent = put(&s, "bob", good, 5000, 0, NULL, 0);
     assert_false(sent.put.complete);
     assert_int_equal(sent.put.received, 0);
+    close_store(&s);
+}
+
+// No descriptor can be opened any more; returns how many could be before.
+static rlim_t no_more_descriptors(void)
+{
+    struct rlimit limit;
+    int lowest = dup(0);
+    assert_true(lowest >= 0);
+    close(lowest);
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    rlim_t before = limit.rlim_cur;
+    limit.rlim_cur = (rlim_t)lowest;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    return before;
+}
+
+static void descriptors_again(rlim_t n)
+{
+    struct rlimit limit;
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    limit.rlim_cur = n;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+}
+
+// A blob that cannot be read for lack of descriptors is not damaged: it stays, and is checked
+// when it is used next.
+static void test_check_without_descriptors(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], path[4096];
+    put_whole(&s, "ann", 'g', 5000, hash);
+    reopen_store(&s);
+    rlim_t before = no_more_descriptors();
+    bool there = check(&s, hash);
+    struct sent sent = put(&s, "ann", hash, 5000, 0, NULL, 0);
+    descriptors_again(before);
+    assert_true(there);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY);
+    assert_true(put(&s, "ann", hash, 5000, 0, NULL, 0).put.complete);
+    reopen_store(&s);
+    blobs_path(s.blobs, hash, path, sizeof path);
+    assert_int_equal(truncate(path, 4999), 0);
+    assert_false(check(&s, hash));
     close_store(&s);
 }
 
@@ -914,6 +960,7 @@ int main(void)
         cmocka_unit_test(test_the_longest_idle_upload_goes),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
+        cmocka_unit_test(test_check_without_descriptors),
         cmocka_unit_test(test_one_of_two_leaves_a_check),
         cmocka_unit_test(test_leaving_a_check_that_has_ended),
         cmocka_unit_test(test_names_and_owners),
