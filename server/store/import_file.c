@@ -208,10 +208,14 @@ static const char *check_copy(int fd, const char *copy, struct import_file *out)
     if (strcmp(after, out->stamp)) return "the file was written to while it was copied";
     prt_context_init(&ctx);
     ctx.log = NULL;
-    out->code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
-    if (prt_file_probe(copy) && prt_file_open(&ctx, copy, PRT_FILE_CHECK_HEADERS, &file))
-        return "the .prt is damaged or of another version; prt info FILE says more";
+    int status =
+        prt_file_probe(copy) ? prt_file_open(&ctx, copy, PRT_FILE_CHECK_HEADERS, &file) : 0;
     prt_file_close(file);
+    out->lasts = status && status != PRT_NOMEM && status != PRT_IO;
+    out->code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
+    if (out->lasts) return "the .prt is damaged or of another version; prt info FILE says more";
+    out->code = RELIGHT__ERROR_CODE__ERROR_BUSY;
+    if (status) return "its copy cannot be opened now";
     out->code = 0;
     return NULL;
 }
@@ -252,7 +256,7 @@ void import_copy_file(const char *folder, const char *path, const char *to, cons
     }
     if (known[0] && !strcmp(known_stamp, out->stamp))
         snprintf(out->hash, sizeof out->hash, "%s", known);
-    else if (out->bytes > most)
+    else if ((out->lasts = out->bytes > most))
         fail(out, RELIGHT__ERROR_CODE__ERROR_LIMIT, path,
              "the file is larger than the disk budget (--disk)");
     else make_copy(fd, path, to, stop, out);

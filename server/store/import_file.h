@@ -28,7 +28,8 @@ struct import_file {
     bool prt, copied; /* copied: false when the copy of `known` was good still */
     char **name;      /* of a .gltf: the files it refers to */
     size_t n_name;
-    int code; /* protocol error code; 0: done */
+    int code;   /* protocol error code; 0: done */
+    bool lasts; /* the file itself is at fault: the same until it changes */
     char error[300];
 };
 

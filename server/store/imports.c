@@ -452,8 +452,8 @@ static void copying_done(struct file_task *task)
         if (code && !copy->users) import_evict(imports, copy);
         import_release(imports, copy);
     } else {
-        // Looked at again when it changes.
-        struct indexed *x = c->scanned && f->stamp[0] ? add_indexed(imports, c->path) : NULL;
+        // Looked at again when it changes; by each scan, where the copying is at fault.
+        struct indexed *x = c->scanned && f->lasts ? add_indexed(imports, c->path) : NULL;
         if (x) snprintf(x->stamp, sizeof x->stamp, "%s", f->stamp);
         if (c->scanned) log_line(LOG_WARN, "import path=%s error=\"%s\"", c->path, f->error);
         tell(c, NULL, code, f->error[0] ? f->error : "not enough memory");

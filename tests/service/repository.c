@@ -461,6 +461,135 @@ static void test_memory_and_pins(void **state)
     relight_close(client);
 }
 
+static struct frames *load_pinned(struct frames *f, uint64_t id, const char *path)
+{
+    Relight__LoadRequest load = RELIGHT__LOAD_REQUEST__INIT;
+    load.path = (char *)path;
+    load.pin = true;
+    frames_add(f, RELIGHT_TYPE_LOAD, id, &load.base, NULL, 0);
+    return f;
+}
+
+// Two models that have room alone are pinned at once: one is opened, and the other refused
+// though its opening had begun to wait for room.
+static void test_pins_at_once(void **state)
+{
+    static const char *const extra[] = {"--poll",    "0.2", "--memory", "130k",
+                                        "--threads", "1",   NULL};
+    put_bake("a.prt", 0);
+    put_bake("b.prt", 1);
+    daemon_start(&d, extra);
+    struct frames *f = frames_open(&d);
+    int code[2], n_ok = 0;
+    frames_send(load_pinned(load_pinned(f, 2, "a.prt"), 3, "b.prt"));
+    for (int i = 0; i < 2; i++) {
+        struct frames_answer a;
+        assert_true(frames_next(f, &a, 20000, NULL) && !a.closed);
+        code[i] = a.code;
+        n_ok += !a.code;
+    }
+    assert_int_equal(n_ok, 1);
+    assert_int_equal(code[0] + code[1], RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    frames_close(f);
+}
+
+// A model that is open already stays so from its pinning on.
+static void test_pin_of_an_open_model(void **state)
+{
+    static const char *const extra[] = {"--poll", "0.2", "--memory", "130k", NULL};
+    char id[ID_SIZE];
+    struct relight_error error;
+    struct relight_load load = {.path = "a.prt"};
+    struct relight_loaded loaded;
+    struct relight_light light = {.env = "constant"};
+    struct relight_colors_request request = {.model = "b", .n_light = 1, .lights = &light};
+    float out[N_COLOR];
+    put_bake("a.prt", 0);
+    put_bake("b.prt", 1);
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    for (int pin = 0; pin < 2; pin++) {
+        load.pin = pin;
+        OK(relight_load(client, &load, &loaded, &error));
+        relight_loaded_finish(&loaded);
+    }
+    expect(ask_colors(client, &request, out, NULL, &error), RELIGHT_E_LIMIT, &error, "pinned");
+    assert_int_equal(state_of(client, "a", id), RELIGHT_MODEL_READY);
+    OK(relight_unload(client, "a", false, NULL, &error));
+    OK(ask_colors(client, &request, out, NULL, &error));
+    relight_close(client);
+}
+
+// The state of the model of this name, as a list has it.
+static int listed_state(struct relight_client *client, const char *name)
+{
+    struct relight_error error;
+    struct relight_list list;
+    int state = -1;
+    OK(relight_list(client, false, &list, &error));
+    for (size_t i = 0; i < list.n_model; i++)
+        if (!strcmp(list.model[i].name, name)) state = list.model[i].state;
+    relight_list_finish(&list);
+    return state;
+}
+
+static void bake_size(unsigned which, uint64_t *bytes)
+{
+    char path[200];
+    struct stat st;
+    snprintf(path, sizeof path, "%s/%u.prt", keeper, which);
+    assert_int_equal(stat(path, &st), 0);
+    *bytes = (uint64_t)st.st_size;
+}
+
+// Who lists the models uses none of them: for another one's room the file goes that was unused
+// longest.
+static void test_listing_is_no_use(void **state)
+{
+    char id[ID_SIZE], memory[32];
+    uint64_t size[2];
+    for (unsigned i = 0; i < 2; i++) bake_size(i, &size[i]);
+    snprintf(memory, sizeof memory, "%llu", (unsigned long long)(size[0] + size[1] + 1500));
+    const char *const extra[] = {"--poll", "0.2", "--memory", memory, NULL};
+    put_bake("a.prt", 0);
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    assert_true(state_of(client, "a", id) >= 0);
+    put_bake("b.prt", 1);
+    wait_for(client, "b", RELIGHT_MODEL_READY, NULL, id); // opens it
+    assert_int_equal(listed_state(client, "a.prt"), RELIGHT_MODEL_READY);
+    assert_int_equal(listed_state(client, "b.prt"), RELIGHT_MODEL_READY);
+    put_text("ball/model.json", preview);
+    put_shape("ball/1/o.obj", 1);
+    wait_for(client, "ball", RELIGHT_MODEL_PREVIEW, NULL, id);
+    assert_int_equal(listed_state(client, "b.prt"), RELIGHT_MODEL_READY);
+    assert_int_equal(listed_state(client, "a.prt"), RELIGHT_MODEL_UNLOADED);
+    relight_close(client);
+}
+
+// A new version of a file that cannot be copied for a while, as on a full disk, is taken in as
+// soon as it can be.
+static void test_copy_that_failed_is_made_again(void **state)
+{
+    char first[ID_SIZE], second[ID_SIZE], folder[200], aside[200];
+    put_bake("a.prt", 0);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    assert_true(state_of(client, "a", first) >= 0);
+    snprintf(folder, sizeof folder, "%s/imports", d.data);
+    snprintf(aside, sizeof aside, "%s/imports.aside", d.data);
+    assert_int_equal(rename(folder, aside), 0);
+    put_bake("a.prt", 1);
+    assert_true(log_says(&d, "import path=a.prt error=", 20000));
+    assert_int_equal(rename(aside, folder), 0);
+    for (int i = 0; i < 500; i++) {
+        if (state_of(client, "a", second) >= 0 && strcmp(first, second)) break;
+        sleep_ms(20);
+    }
+    assert_true(second[0] && strcmp(first, second));
+    relight_close(client);
+}
+
 // The folder cannot be read for a while: no model is lost.
 static void test_folder_that_is_away(void **state)
 {
@@ -483,9 +612,18 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, fresh_folder, after_each)
     const struct CMUnitTest tests[] = {
-        TEST(test_versions),        TEST(test_replaced_version),      TEST(test_equal_versions),
-        TEST(test_faulty_versions), TEST(test_source_is_baked_again), TEST(test_list_in_parts),
-        TEST(test_memory_and_pins), TEST(test_folder_that_is_away),
+        TEST(test_versions),
+        TEST(test_replaced_version),
+        TEST(test_equal_versions),
+        TEST(test_faulty_versions),
+        TEST(test_source_is_baked_again),
+        TEST(test_list_in_parts),
+        TEST(test_memory_and_pins),
+        TEST(test_folder_that_is_away),
+        TEST(test_pins_at_once),
+        TEST(test_listing_is_no_use),
+        TEST(test_pin_of_an_open_model),
+        TEST(test_copy_that_failed_is_made_again),
     };
 #undef TEST
     signal(SIGPIPE, SIG_IGN);
