@@ -279,13 +279,25 @@ void cache_destroy(struct cache *cache)
     free(cache);
 }
 
-struct cache_entry *cache_find(struct cache *cache, const char *key)
+static struct cache_entry *look_up(const struct cache *cache, const char *key)
 {
     uint64_t hash = prt_hash64(key, strlen(key), cache->seed);
     struct cache_entry *e = *bucket_of(cache, hash);
     while (e && (e->hash != hash || strcmp(e->key, key))) e = e->chain;
+    return e;
+}
+
+struct cache_entry *cache_find(struct cache *cache, const char *key)
+{
+    struct cache_entry *e = look_up(cache, key);
     if (e) cache_hold(e);
     return e;
+}
+
+bool cache_has(const struct cache *cache, const char *key)
+{
+    const struct cache_entry *e = look_up(cache, key);
+    return e && e->state == CACHE_READY;
 }
 
 struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh)

@@ -60,6 +60,8 @@ enum { CACHE_ERROR_NO_MEMORY = 16 }; /* the protocol's ERROR_NO_MEMORY */
 struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh);
 /* The entry of this key, with a reference, or NULL; creates none. */
 struct cache_entry *cache_find(struct cache *cache, const char *key);
+/* Whether a ready entry of this key is there. To ask is no use of it. */
+bool cache_has(const struct cache *cache, const char *key);
 void cache_hold(struct cache_entry *entry);
 void cache_release(struct cache_entry *entry); /* NULL is fine */
 /* Takes over the value and wakes the waiters. */

@@ -34,9 +34,7 @@ int model_state(const struct model *m)
     if (!preview && m->state != RELIGHT__MODEL_STATE__MODEL_READY) return m->state;
     if (preview && m->mesh == MESH_READING) return RELIGHT__MODEL_STATE__MODEL_RECEIVED;
     snprintf(key, sizeof key, preview ? "%s/mesh" : "%s", m->key);
-    struct cache_entry *e = cache_find(m->server->files, key);
-    bool open = e && e->state == CACHE_READY;
-    cache_release(e);
+    bool open = cache_has(m->server->files, key);
     return open ? m->state : RELIGHT__MODEL_STATE__MODEL_UNLOADED;
 }
 

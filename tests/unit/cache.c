@@ -71,6 +71,7 @@ static void test_least_recently_used_goes(void **state)
     assert_false(is_there(cache, "B"));
     assert_true(is_there(cache, "A"));
     assert_true(is_there(cache, "C"));
+    assert_true(cache_has(cache, "A") && !cache_has(cache, "B"));
     struct cache_counts counts;
     cache_count(cache, &counts);
     assert_int_equal(counts.evictions, 1);
