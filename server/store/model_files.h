@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* model_files.h owns the functions shared by the registry's files: models.c, catalogue.c,
- * model_open.c, mesh_import.c, imports.c and op_load.c. */
+ * model_open.c, model_facts.c, mesh_import.c, imports.c and op_load.c. */
 #ifndef RELIGHTD_MODEL_FILES_H
 #define RELIGHTD_MODEL_FILES_H
 
@@ -41,6 +41,10 @@ void model_charge_bake(struct model *model, uint64_t bytes);
 void model_charge_preview(struct model *model, uint64_t bytes);
 /* Drops its opened file and computed results; `all`: also those in progress. */
 void model_forget_results(struct model *model, bool all);
+
+/* Keeps what the open file of a preview, or of a bake, tells about the model. */
+void model_learn_mesh(struct model *model, const struct prt_file *file);
+void model_learn_facts(struct model *model, const struct prt_file *file);
 
 /* Opens a .prt on a worker and fills the entry, of which it takes a reference. */
 void model_start_opening(struct model *model, struct cache_entry *entry, const char *path,
