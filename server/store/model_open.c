@@ -169,9 +169,10 @@ static int run_opening(struct work *work, const struct prt_context *ctx)
 // error, says nothing about it.
 static void damaged(struct model *m, const char *error)
 {
-    m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
     m->error_code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
     snprintf(m->error, sizeof m->error, "%s", error);
+    if (m->file) m->state = RELIGHT__MODEL_STATE__MODEL_FAILED; // a draft is no model
+    else model_set_state(m, RELIGHT__MODEL_STATE__MODEL_FAILED);
     log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
     if (m->copy || m->file) return;
     // The folder that replicas share may have it whole: its record there is no longer this

@@ -319,6 +319,34 @@ static void a_reader_that_stays_behind(void **state)
     end();
 }
 
+// A bake that is found damaged when it is opened: whoever lists the models hears of it.
+static void a_model_that_is_damaged(void **state)
+{
+    begin(NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_model info;
+    char id[ID_SIZE], path[300];
+    bake_small(client, &d, id);
+    OK(relight_info(client, id, &info, &error)); // it is open, and is not being opened
+    relight_model_finish(&info);
+    OK(relight_unload(client, id, false, NULL, &error));
+    snprintf(path, sizeof path, "%s/bakes/%s.prt", d.data, id);
+    assert_int_equal(truncate(path, 64), 0);
+    struct cursor cursor = {"", 0};
+    struct frames *f = subscribe(NULL, &cursor, NULL);
+    assert_true(relight_info(client, id, &info, &error) != 0);
+    Relight__Event *e = event_of(f, 2, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, &cursor);
+    assert_string_equal(e->model, id);
+    assert_int_equal(e->state, RELIGHT__MODEL_STATE__MODEL_FAILED);
+    assert_non_null(e->error);
+    assert_int_equal(e->error->code, RELIGHT__ERROR_CODE__ERROR_FORMAT);
+    drop(e);
+    relight_close(client);
+    frames_close(f);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -328,6 +356,7 @@ int main(void)
         cmocka_unit_test_teardown(the_newest_state_of_each_model, teardown),
         cmocka_unit_test_teardown(a_filter_of_a_model, teardown),
         cmocka_unit_test_teardown(a_reader_that_stays_behind, teardown),
+        cmocka_unit_test_teardown(a_model_that_is_damaged, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
