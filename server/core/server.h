@@ -100,7 +100,8 @@ struct server {
     /* The pace of answers while requests wait, for retry_after_ms: the last one, 0 where none
      * waited then, and the running mean of the gaps. */
     uint64_t answered_ns, answer_gap_ns;
-    struct drain drain; /* of evaluations */
+    struct drain drain;       /* of evaluations */
+    struct loop_timer pinned; /* a model was pinned: store/model_open.c */
 };
 
 #endif

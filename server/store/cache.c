@@ -239,6 +239,28 @@ void cache_admit(struct cache *cache, struct cache_admission *a)
     admit_next(cache);
 }
 
+void cache_admissions_check(struct cache *cache, bool (*fits)(const struct cache_admission *a),
+                            void (*refused)(struct cache_admission *a))
+{
+    struct cache_admission *gone = NULL, **last = &gone, **at = &cache->admission;
+    for (struct cache_admission *a; (a = *at);) {
+        if (fits(a)) {
+            at = &a->next;
+            continue;
+        }
+        *at = a->next;
+        a->next = NULL;
+        *last = a;
+        last = &a->next;
+    }
+    cache->last_admission = at;
+    for (struct cache_admission *a; (a = gone);) {
+        gone = a->next;
+        refused(a);
+    }
+    admit_next(cache);
+}
+
 void cache_admission_end(struct cache *cache, struct cache_admission *a)
 {
     if (!a->holds) return;

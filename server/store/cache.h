@@ -95,6 +95,11 @@ struct cache_admission {
     bool holds;
 };
 void cache_admit(struct cache *cache, struct cache_admission *admission);
+/* Those that wait and can never be admitted, for which `fits` is false by now, leave the queue;
+ * `refused` is called for each. */
+void cache_admissions_check(struct cache *cache,
+                            bool (*fits)(const struct cache_admission *admission),
+                            void (*refused)(struct cache_admission *admission));
 /* After cache_fill or cache_fail. */
 void cache_admission_end(struct cache *cache, struct cache_admission *admission);
 

@@ -186,6 +186,7 @@ static void damaged(struct model *m, const char *error)
 
 static void start_opening(struct model *m, struct cache_entry *entry, const char *path,
                           bool preview, bool header_only);
+static void hold_pin(struct model *m, struct cache_entry *e);
 
 // Its header was read for LIST; no request waits for the file.
 static void looked(struct opening *o)
@@ -259,16 +260,13 @@ static void is_open(struct opening *o)
     else model_learn_facts(m, o->file);
     log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", m->id, (double)o->ms,
              (unsigned long long)prt_file_bytes(o->file));
-    if (m->pinned && !m->pin && !o->preview && !o->entry->forgotten) {
-        m->pin = o->entry;
-        cache_hold(m->pin);
-    }
     if (!m->gone && !m->copy) file_touch(m->server->file_queue, o->path);
     m->used_ns = wall_ns();
     if (!charge(o)) return;
     o->entry->ms = o->ms;
     o->entry->any_thread = true;
     cache_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
+    if (!o->preview) hold_pin(m, o->entry);
     if (o->preview && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone)
         preview_remove(m);
     // Reads every byte once, behind the requests.
@@ -304,22 +302,53 @@ static void admitted(struct cache_admission *room)
     work_act(work, before);
 }
 
-// What can never be freed is in the way: false, and the entry fails.
-static bool fits_beside_pinned(const struct opening *o)
+static uint64_t pinned_bytes(const struct server *server)
 {
-    const struct server *server = o->model->server;
-    uint64_t pinned = 0, size = o->room.bytes, all = server->options.memory;
-    char error[256];
+    uint64_t bytes = 0;
     for (struct model *m = NULL; (m = models_next(server->models, m));)
-        pinned += m->pin ? m->pin->bytes : 0;
-    if (!pinned || pinned + size <= all) return true;
-    snprintf(
-        error, sizeof error,
-        "the model needs %llu bytes, and pinned models hold %llu of %llu (--memory): unload "
-        "one of them",
-        (unsigned long long)size, (unsigned long long)pinned, (unsigned long long)all);
+        bytes += m->pin ? m->pin->bytes : 0;
+    return bytes;
+}
+
+// False: what can never be freed is in the way.
+static bool fits_beside_pinned(const struct cache_admission *room)
+{
+    const struct opening *o =
+        (const struct opening *)((const char *)room - offsetof(struct opening, room));
+    uint64_t pinned = pinned_bytes(o->model->server);
+    return !pinned || pinned + room->bytes <= o->model->server->options.memory;
+}
+
+static void refuse_opening(struct cache_admission *room)
+{
+    struct opening *o = (struct opening *)((char *)room - offsetof(struct opening, room));
+    const struct server *server = o->model->server;
+    char error[256];
+    snprintf(error, sizeof error,
+             "the model needs %llu bytes, and pinned models hold %llu of %llu (--memory): "
+             "unload one of them",
+             (unsigned long long)room->bytes, (unsigned long long)pinned_bytes(server),
+             (unsigned long long)server->options.memory);
     cache_fail(o->entry, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
-    return false;
+    free_opening(o);
+}
+
+// Others wait no longer for room that a pinned model will not give back. In a turn of its own:
+// a refusal may end the request that pins.
+static void check_waiting(struct loop_timer *timer)
+{
+    struct server *server = (struct server *)((char *)timer - offsetof(struct server, pinned));
+    cache_admissions_check(server->files, fits_beside_pinned, refuse_opening);
+}
+
+// A pinned model keeps its file open from the first time on that it is.
+static void hold_pin(struct model *m, struct cache_entry *e)
+{
+    struct server *server = m->server;
+    if (!m->pinned || m->pin || e->forgotten || e->state != CACHE_READY) return;
+    cache_hold(m->pin = e);
+    server->pinned.fire = check_waiting;
+    loop_timer_set(server->loop, &server->pinned, loop_now_ns());
 }
 
 static void start_opening(struct model *m, struct cache_entry *entry, const char *path,
@@ -349,8 +378,8 @@ static void start_opening(struct model *m, struct cache_entry *entry, const char
     o->room.admitted = admitted;
     o->room.bytes = preview ? m->preview_bytes : m->copy ? m->copy->bytes : m->bake_bytes;
     if (!preview && !o->room.bytes) o->room.bytes = m->away_bytes;
-    if (fits_beside_pinned(o)) cache_admit(m->server->files, &o->room);
-    else free_opening(o);
+    if (fits_beside_pinned(&o->room)) cache_admit(m->server->files, &o->room);
+    else refuse_opening(&o->room);
 }
 
 void model_start_opening(struct model *m, struct cache_entry *entry, const char *path,
@@ -441,6 +470,7 @@ struct cache_entry *model_open(struct model *m, int *code, char error[256])
             cache_hold(e); // one for the opening, one for the caller
             start_opening_bake(m, e);
         }
+        hold_pin(m, e);
         return e;
     }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {

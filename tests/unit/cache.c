@@ -432,6 +432,43 @@ static void test_room_is_promised(void **state)
     cache_destroy(cache);
 }
 
+static bool is_small(const struct cache_admission *admission)
+{
+    return admission->bytes <= 3 * VALUE;
+}
+
+static unsigned n_refused;
+
+static void refused(struct cache_admission *admission)
+{
+    n_refused++;
+}
+
+// What will never fit leaves the queue, and those behind it are admitted.
+static void test_hopeless_admissions_leave(void **state)
+{
+    struct cache *cache;
+    struct waiter a, b, c, d, last;
+    assert_int_equal(cache_create(10 * VALUE, &cache), 0);
+    n_refused = 0;
+    ask(cache, &a, 6 * VALUE);
+    ask(cache, &b, 5 * VALUE);
+    ask(cache, &c, 2 * VALUE);
+    ask(cache, &d, 4 * VALUE);
+    assert_int_equal(a.n + b.n + c.n + d.n, 1);
+    cache_admissions_check(cache, is_small, refused);
+    assert_int_equal(n_refused, 2);
+    assert_int_equal(b.n + d.n, 0);
+    assert_int_equal(c.n, 1);
+    ask(cache, &last, 3 * VALUE);
+    assert_int_equal(last.n, 0);
+    cache_admission_end(cache, &a.admission);
+    assert_int_equal(last.n, 1);
+    cache_admission_end(cache, &c.admission);
+    cache_admission_end(cache, &last.admission);
+    cache_destroy(cache);
+}
+
 // Memory beside the entries counts as theirs does, and makes an admission wait.
 static void test_charges_take_room(void **state)
 {
@@ -528,6 +565,7 @@ int main(void)
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
         cmocka_unit_test(test_room_is_promised),
+        cmocka_unit_test(test_hopeless_admissions_leave),
         cmocka_unit_test(test_charges_take_room),
         cmocka_unit_test(test_holders_release_files),
         cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
