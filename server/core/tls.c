@@ -11,8 +11,6 @@
 #include <string.h>
 #include <sys/uio.h>
 
-enum { RECORD = 16 << 10 }; // bytes of one TLS record at most
-
 struct tls {
     SSL_CTX *context;
 };
@@ -188,13 +186,13 @@ ssize_t tls_stream_read(struct tls_stream *stream, void *out, size_t n)
 }
 
 // One record of the pieces: small frames share it. A call after EAGAIN begins with the same
-// bytes, as OpenSSL wants.
+// bytes, which OpenSSL has encrypted already.
 ssize_t tls_stream_write(struct tls_stream *stream, const struct iovec *iov, int n)
 {
-    static char record[RECORD];
+    static char record[TLS_RECORD];
     size_t have = 0, done = 0;
-    for (int i = 0; i < n && have < RECORD; i++) {
-        size_t take = iov[i].iov_len < RECORD - have ? iov[i].iov_len : RECORD - have;
+    for (int i = 0; i < n && have < TLS_RECORD; i++) {
+        size_t take = iov[i].iov_len < TLS_RECORD - have ? iov[i].iov_len : TLS_RECORD - have;
         memcpy(record + have, iov[i].iov_base, take);
         have += take;
     }

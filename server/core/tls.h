@@ -29,8 +29,11 @@ void tls_describe(const struct tls *tls, char *out, size_t n);
 struct tls_stream *tls_stream_open(struct tls *tls, int fd);
 /* Says goodbye, without waiting, and frees it. The descriptor stays open. */
 void tls_stream_close(struct tls_stream *stream);
+enum { TLS_RECORD = 16 << 10 }; /* bytes of one record at most */
 /* As recv and sendmsg: bytes, 0 at the end, or -1 with errno; EAGAIN: call again when the
- * socket is ready. After EPROTO tls_stream_fault has the reason. */
+ * socket is ready. After EPROTO tls_stream_fault has the reason. A write takes TLS_RECORD bytes
+ * at most; after EAGAIN it has encrypted them, and the next write has to begin with the same.
+ */
 ssize_t tls_stream_read(struct tls_stream *stream, void *out, size_t n);
 ssize_t tls_stream_write(struct tls_stream *stream, const struct iovec *iov, int n);
 /* Whether the handshake is over; whether decrypted or received bytes wait that the socket will

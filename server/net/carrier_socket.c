@@ -62,7 +62,10 @@ static void flush(struct stream *s)
         ssize_t n = s->tls ? tls_stream_write(s->tls, iov, (int)message.msg_iovlen)
                            : sendmsg(s->watch.fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
         if (n < 0 && errno == EINTR) continue;
-        if (n < 0 && errno == EAGAIN) break;
+        if (n < 0 && errno == EAGAIN) {
+            if (s->tls) connection_begun(conn, TLS_RECORD);
+            break;
+        }
         if (n < 0) {
             connection_close(conn, why_broken(s));
             return;

@@ -405,6 +405,15 @@ static void replace_late(struct connection *conn, struct out_frame *f)
     conn->server->stats.deadline_total++;
 }
 
+void connection_begun(struct connection *conn, size_t n)
+{
+    for (struct out_frame *f = conn->out; f && n; f = f->next) {
+        size_t left = f->size - f->sent;
+        f->late_ns = 0;
+        n -= n < left ? n : left;
+    }
+}
+
 int connection_output(struct connection *conn, struct iovec *iov, int max)
 {
     const uint64_t now = loop_now_ns();

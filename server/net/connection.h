@@ -120,6 +120,9 @@ void connection_committed(struct connection *conn, size_t n, int status);
 /* Next bytes to write, and the number of written bytes. connection_written closes a connection
  * that was only waiting to be flushed. */
 int connection_output(struct connection *conn, struct iovec *iov, int max);
+/* The carrier has taken a copy of the first n bytes and will send that: the answers that they
+ * belong to are begun. */
+void connection_begun(struct connection *conn, size_t n);
 void connection_written(struct connection *conn, size_t n);
 
 /* Queues bytes that are no frame: head (malloc()ed, taken) and the payload (taken, may be

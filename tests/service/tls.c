@@ -313,6 +313,127 @@ static void test_large_answers(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A daemon that inherits its listening socket, whose clients' sockets have small send buffers:
+// writing has to wait again and again.
+static void start_with_small_buffers(void)
+{
+    const char *argv[] = {PRT_BINARY_DIR "/relightd",
+                          "--data",
+                          d.data,
+                          "--listen",
+                          d.address,
+                          "--tls-cert",
+                          cert,
+                          "--tls-key",
+                          key,
+                          NULL};
+    struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t n = sizeof a;
+    int fd = socket(AF_INET, SOCK_STREAM, 0), small = 32 << 10;
+    assert_int_equal(bind(fd, (struct sockaddr *)&a, sizeof a), 0);
+    assert_int_equal(setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &small, sizeof small), 0);
+    assert_int_equal(listen(fd, 16), 0);
+    assert_int_equal(getsockname(fd, (struct sockaddr *)&a, &n), 0);
+    snprintf(d.tcp, sizeof d.tcp, "127.0.0.1:%u", ntohs(a.sin_port));
+    unlink(d.log);
+    if (!(d.pid = fork())) {
+        char self[20];
+        snprintf(self, sizeof self, "%d", (int)getpid());
+        setenv("LISTEN_PID", self, 1);
+        setenv("LISTEN_FDS", "1", 1);
+        prctl(PR_SET_PDEATHSIG, SIGTERM);
+        dup2(open(d.log, O_CREAT | O_APPEND | O_WRONLY, 0600), 2);
+        if (dup2(fd, 3) == 3) execv(argv[0], (char *const *)argv);
+        _exit(127);
+    }
+    close(fd);
+    assert_true(log_says(&d, " start version", 60000));
+}
+
+// PINGs 1 to n with a payload of `size` bytes, which are to be answered within deadline_ms.
+static void add_pings(struct frames *f, uint64_t n, uint32_t deadline_ms, size_t size)
+{
+    char *payload = calloc(1, size);
+    Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
+    assert_non_null(payload);
+    for (uint64_t id = 2; id < 2 + n; id++) {
+        struct relight_frame frame = {.flags = RELIGHT_FRAME_LAST,
+                                      .type = RELIGHT_TYPE_PING,
+                                      .id = id,
+                                      .deadline_ms = deadline_ms,
+                                      .payload_size = size};
+        uint8_t *head;
+        size_t n_head;
+        memset(payload, (int)id, size);
+        assert_int_equal(relight_frame_pack(&frame, &ping.base, 0, 0, &head, &n_head), 0);
+        f->bytes = realloc(f->bytes, f->n + n_head + size);
+        assert_non_null(f->bytes);
+        memcpy(f->bytes + f->n, head, n_head);
+        memcpy(f->bytes + f->n + n_head, payload, size);
+        f->n += n_head + size;
+        free(head);
+    }
+    free(payload);
+}
+
+// The next frame of the stream: its number, and whether it is the answer or says that it is too
+// late for that.
+static uint64_t next_answer(struct secure *s, struct frames *f, bool *late)
+{
+    for (int status = 0; !status;) {
+        size_t used = 0;
+        status = relight_decoder_feed(&f->decoder, f->in + f->at, f->end - f->at, &used);
+        f->at += used;
+        if (status < 0) fail_msg("the stream has no frame: %d", status);
+        if (status) break;
+        int n = SSL_read(s->ssl, f->in, sizeof f->in);
+        if (n <= 0) fail_msg("the connection has ended");
+        f->at = 0;
+        f->end = (size_t)n;
+    }
+    const struct relight_frame *frame = &f->decoder.frame;
+    *late = frame->type == RELIGHT_TYPE_ERROR;
+    for (size_t i = 0; i < frame->payload_size; i++)
+        if (frame->payload[i] != (uint8_t)frame->id) fail_msg("bytes of another answer");
+    return frame->id;
+}
+
+// Answers that become too late while they wait for a slow reader are replaced, but for what TLS
+// has encrypted already: the reader gets whole frames, in their order.
+static void test_answers_too_late(void **state)
+{
+    enum { N = 60, SIZE = 64000, ROUNDS = 8, DEADLINE_MS = 1000 };
+    const struct relight_frame_limits limits = {1 << 24, UINT64_C(1) << 32, false};
+    unsigned n_late = 0;
+    start_with_small_buffers();
+    for (int round = 0; round < ROUNDS; round++) {
+        struct secure s = {0};
+        struct frames *f = calloc(1, sizeof *f);
+        bool late;
+        assert_true(f && secure_open(&s, d.tcp, 0));
+        relight_decoder_init(&f->decoder, &limits);
+        frames_add_hello(f, "slow");
+        add_pings(f, N, DEADLINE_MS, SIZE + 190 * (size_t)round);
+        for (size_t at = 0; at < f->n;) {
+            int n = SSL_write(s.ssl, f->bytes + at, (int)(f->n - at));
+            assert_true(n > 0);
+            at += (size_t)n;
+        }
+        sleep_ms(DEADLINE_MS + 200);
+        for (uint64_t id = 1; id < 2 + N; id++) {
+            assert_int_equal(next_answer(&s, f, &late), id);
+            n_late += late;
+        }
+        relight_decoder_finish(&f->decoder);
+        free(f->bytes);
+        free(f);
+        secure_close(&s);
+    }
+    print_message("%u answers were too late\n", n_late);
+    assert_true(n_late > 0);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // SIGHUP serves the new certificate to new connections; open ones stay. A faulty one changes
 // nothing.
 static void test_reload(void **state)
@@ -374,7 +495,7 @@ static void test_old_versions(void **state)
     start(NULL);
     const char *const names[] = {d.tcp, d.http};
     for (int i = 0; i < 2; i++) {
-        struct secure s;
+        struct secure s = {0};
         assert_false(secure_open(&s, names[i], TLS1_1_VERSION));
         secure_close(&s);
         assert_true(secure_open(&s, names[i], TLS1_2_VERSION));
@@ -429,6 +550,7 @@ int main(void)
         CASE(test_certificate_is_verified),
         CASE(test_bytes_survive),
         CASE(test_large_answers),
+        CASE(test_answers_too_late),
         CASE(test_reload),
         CASE(test_slow_handshake),
         CASE(test_old_versions),
