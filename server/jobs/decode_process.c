@@ -232,7 +232,8 @@ static int read_material(const struct prt_context *ctx, int fd, char *const *wor
 }
 
 // word: path, name, ... and NULL at the end.
-static void serve(int socket_fd, const struct ask *ask, int fd, char *const *word)
+// False when the reply could not be sent.
+static bool serve(int socket_fd, const struct ask *ask, int fd, char *const *word)
 {
     struct reply reply = {.number = ask->number};
     char copy[PATH_MAX];
@@ -257,7 +258,7 @@ static void serve(int socket_fd, const struct ask *ask, int fd, char *const *wor
     hide_folder(reply.warnings, folder);
     reply.crashed = prt_isolate_crashes();
     reply.ms = (float)((prt_time_s() - start) * 1e3);
-    decode_send_packet(socket_fd, &reply, sizeof reply, pixels_fd);
+    return decode_send_packet(socket_fd, &reply, sizeof reply, pixels_fd);
 }
 
 // Splits a packet into its strings; false when some are missing.
@@ -318,8 +319,7 @@ static void start_decoding(int fd, char *packet, ssize_t n, int file_fd,
         sigset_t none;
         sigemptyset(&none);
         sigprocmask(SIG_SETMASK, &none, NULL);
-        serve(fd, &ask, file_fd, word);
-        _exit(0);
+        _exit(serve(fd, &ask, file_fd, word) ? 0 : 1); // 1: reap() replies
     }
     if (pid < 0) {
         struct reply reply = {.number = ask.number,

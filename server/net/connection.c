@@ -195,8 +195,10 @@ void connections_recheck(struct server *server, bool anonymous)
         next = c->next;
         if (!c->greeted || c->closing) continue;
         bool address = !strncmp(c->caller.name, "addr:", 5);
-        if ((anonymous && address) || !access_is_current(server->access, &c->caller))
-            dismiss(c);
+        if ((!anonymous || !address) && access_is_current(server->access, &c->caller)) continue;
+        const struct connection *closed = server->closed;
+        dismiss(c);
+        if (server->closed != closed) next = server->connections; // c, or others for its answer
     }
 }
 
@@ -297,10 +299,15 @@ void connections_goaway(struct server *server, double seconds, const char *addre
     out.drain_ms = seconds < 4e6 ? (uint32_t)(seconds * 1e3) : UINT32_MAX;
     out.address = (char *)address;
     out.text = (char *)text;
+    for (struct connection *c = server->connections; c; c = c->next)
+        c->owes_goaway = c->greeted;
     for (struct connection *c = server->connections, *next; c; c = next) {
-        next = c->next; // sending may close c
-        if (c->greeted)
-            connection_send(c, RELIGHT_TYPE_GOAWAY, RELIGHT_FRAME_LAST, 0, &out.base, NULL);
+        const struct connection *closed = server->closed;
+        next = c->next;
+        if (!c->owes_goaway) continue;
+        c->owes_goaway = false;
+        connection_send(c, RELIGHT_TYPE_GOAWAY, RELIGHT_FRAME_LAST, 0, &out.base, NULL);
+        if (server->closed != closed) next = server->connections; // c, or others for its frame
     }
 }
 

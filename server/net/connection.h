@@ -57,6 +57,7 @@ struct connection {
     uint64_t end_ns;                /* closed at this time: its token expires; 0: not */
     struct relight_decoder decoder; /* byte streams */
     bool greeted, dead, closing, reading;
+    bool owes_goaway;     // while connections_goaway() runs
     uint64_t max_payload; /* the client's limit for one frame */
     struct out_frame *out, **out_last;
     size_t out_bytes;    /* queued and not sent */

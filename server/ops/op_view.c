@@ -276,12 +276,12 @@ static void drawn(void *user, struct render_result *result)
     if (!silent) {
         v->told_frames = result->frames;
         send_frame(v, result);
-        if (conn->dead) return; // the view was freed with it
     } else if (result->payload.release) {
         result->payload.release(result->payload.owner);
     }
     free(result->outgoing);
     result->outgoing = NULL;
+    if (conn->dead) return; // the view was freed with it
     // Pictures by baked transport are not refined.
     if (!finer && (result->code || !result->preview)) {
         refinement_release(v->refinement);
