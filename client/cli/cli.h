@@ -3,6 +3,7 @@
 #ifndef RELIGHT_CLI_H
 #define RELIGHT_CLI_H
 
+#include "common/picture_ending.h"
 #include "common/program.h"
 #include "relight/relight.h"
 #include "vertex_file.h"
@@ -91,9 +92,6 @@ int write_file(const struct options *options, const char *path, const void *byte
 bool is_terminal_path(const char *path);
 void fit_terminal(struct options *options);
 int draw_in_terminal(const struct options *options, const struct relight_image *image);
-/* Finds the image format that the ending of `path` names ("-": IMAGE_RGB8); false for any other
- * and for NULL. */
-bool picture_format(const char *path, enum relight_image_format *out);
 /* The usage error of an -o whose ending is none of `others` ("" or ".csv, ") and of pictures.
  */
 int picture_usage(const struct options *options, const char *others);

@@ -221,7 +221,7 @@ int run_image(struct relight_client *client, struct options *o)
     struct relight_light lights[MAX_WORDS];
     char names[MAX_WORDS][80];
     struct relight_image image;
-    if (!picture_format(o->output, &o->picture.format)) return picture_usage(o, "");
+    if (!picture_ending(o->output, &o->picture.format)) return picture_usage(o, "");
     fit_terminal(o);
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
@@ -243,7 +243,7 @@ int run_edit(struct relight_client *client, struct options *o)
 {
     if (!o->material && !o->n_material) return report_usage(o, "--material is missing");
     bool vertices = prt_vertex_format_of(o->output) != PRT_VERTEX_NONE;
-    if (!vertices && !picture_format(o->output, &o->picture.format))
+    if (!vertices && !picture_ending(o->output, &o->picture.format))
         return picture_usage(o, ".csv, .npy, .ply, .glb, ");
     return vertices ? run_colors(client, o) : run_image(client, o);
 }

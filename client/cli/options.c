@@ -318,7 +318,7 @@ const struct command commands[] = {
      COMMON LIGHT "ofx", true, run_colors},
     {"image", "ID",
      "Relights a model to a picture.\v"
-     "FILE ends in .png, .jpg or .exr (linear radiance); - draws in the terminal: by kitty's "
+     "FILE's ending is its format: .png, .exr (linear radiance) or another; - draws in the terminal: by kitty's "
      "protocol, as sixels or as half blocks, which $RELIGHT_TERMINAL (kitty, sixel, blocks, "
      "blocks256) overrides.\n\n"
      "Examples:\n  relight image bunny --env sunrise.exr --size 1280x720 -o bunny.png\n"

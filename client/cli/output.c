@@ -56,18 +56,6 @@ int write_file(const struct options *options, const char *path, const void *byte
     return bad ? file_error(options, path, strerror(fault)) : EXIT_DONE;
 }
 
-// Rows of relight.h with an ending; raw pixels have none.
-static const struct {
-    const char *ending;
-    enum relight_image_format format;
-} picture_formats[] = {
-#define X(name, number, ending) {ending, RELIGHT_IMAGE_##name},
-    RELIGHT_IMAGE_FORMAT_LIST(X)
-#undef X
-        {"jpeg", RELIGHT_IMAGE_JPEG},
-};
-enum { N_PICTURE_FORMAT = sizeof picture_formats / sizeof *picture_formats };
-
 bool is_terminal_path(const char *path)
 {
     return path && !strcmp(path, "-");
@@ -93,31 +81,11 @@ int draw_in_terminal(const struct options *options, const struct relight_image *
                : EXIT_DONE;
 }
 
-bool picture_format(const char *path, enum relight_image_format *out)
-{
-    if (is_terminal_path(path)) {
-        *out = RELIGHT_IMAGE_RGB8;
-        return true;
-    }
-    const char *dot = path ? strrchr(path, '.') : NULL;
-    for (int i = 0; dot && dot[1] && i < N_PICTURE_FORMAT; i++)
-        if (!strcasecmp(dot + 1, picture_formats[i].ending)) {
-            *out = picture_formats[i].format;
-            return true;
-        }
-    return false;
-}
-
 int picture_usage(const struct options *options, const char *others)
 {
-    char list[128] = "";
-    size_t n = 0;
-    for (int i = 0; i < N_PICTURE_FORMAT && n < sizeof list; i++)
-        if (*picture_formats[i].ending)
-            n += (size_t)snprintf(list + n, sizeof list - n, "%s.%s", n ? ", " : "",
-                                  picture_formats[i].ending);
+    char list[128];
     return report_usage(options, "-o FILE has to end in one of %s%s, or be - for the terminal",
-                        others, list);
+                        others, picture_ending_list(list));
 }
 
 static struct prt_vertex_block *copy_blocks(const struct relight_geometry *g)

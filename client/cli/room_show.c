@@ -140,7 +140,7 @@ static int save_picture(struct room_call *c, uint64_t pin)
                                      .width = o->picture.width,
                                      .height = o->picture.height};
     struct relight_image image;
-    if (!picture_format(o->output, &view.format)) return picture_usage(o, "");
+    if (!picture_ending(o->output, &view.format)) return picture_usage(o, "");
     if (view.format == RELIGHT_IMAGE_JPEG)
         return report_usage(o, "-o %s: a room's pictures are exact: .png or .exr", o->output);
     if (view.format == RELIGHT_IMAGE_PNG)

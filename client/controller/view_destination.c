@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A view of a model: its pictures follow the controls, into a file or onto the terminal.
 #include "control.h"
+#include "common/picture_ending.h"
 #include "terminal.h"
 
 #include <errno.h>
@@ -180,17 +181,6 @@ static void *frames(void *user)
 
 // ---- opening
 
-static bool picture_format(const char *path, enum relight_image_format *out)
-{
-    const char *dot = strrchr(path, '.');
-    *out = RELIGHT_IMAGE_RGB8;
-    if (!strcmp(path, "-")) return true;
-    *out = RELIGHT_IMAGE_JPEG;
-    if (dot && (!strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"))) return true;
-    *out = RELIGHT_IMAGE_PNG;
-    return dot && !strcasecmp(dot, ".png");
-}
-
 static void fit(struct view *v)
 {
     struct relight_picture *p = &v->request.picture;
@@ -216,10 +206,12 @@ static int prepare(struct view *v, struct relight_error *error)
                                                .picture = o->picture,
                                                .skip_equal = true,
                                                .max_fps = 60};
-    if (!picture_format(o->output, &v->request.picture.format)) {
+    if (!picture_ending(o->output, &v->request.picture.format)) {
+        char list[128];
         *error = (struct relight_error){.code = RELIGHT_E_ARGUMENT};
         snprintf(error->text, sizeof error->text,
-                 "%.100s: -o has to end in .jpg or .png, or be - for the terminal", o->output);
+                 "%.100s: -o has to end in one of %s, or be - for the terminal", o->output,
+                 picture_ending_list(list));
         return -RELIGHT_E_ARGUMENT;
     }
     fit(v);

@@ -3,6 +3,7 @@
 // changed, and writes files or a film.
 #include "follow.h"
 
+#include "common/picture_ending.h"
 #include "common/room_name.h"
 #include "scene_request.h"
 #include "video.h"
@@ -170,10 +171,9 @@ static int fetch(struct follow *f)
 
 static enum relight_image_format format_of(const struct options *o)
 {
-    const char *dot = strrchr(o->output, '.');
-    if (video_is_name(o->output)) return RELIGHT_IMAGE_RGB8;
-    if (!strcasecmp(dot, ".exr")) return RELIGHT_IMAGE_EXR;
-    return strcasecmp(dot, ".png") ? RELIGHT_IMAGE_JPEG : RELIGHT_IMAGE_PNG;
+    enum relight_image_format format;
+    const bool is_picture = picture_ending(o->output, &format); // options.c refuses others
+    return is_picture ? format : RELIGHT_IMAGE_RGB8;            // a film is made of pixels
 }
 
 static int keep(const struct options *o, uint32_t frame, const struct relight_image *image,

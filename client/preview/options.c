@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The command line of relight-preview.
 #include "preview.h"
+#include "common/picture_ending.h"
 
 #include "video.h"
 
@@ -43,8 +44,8 @@ static const struct argp_option table[] = {
     {"fps", KEY_FPS, "RATE", 0, "frames a second of a film (default 25)", 0},
     {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},
     {"output", 'o', "FILE", 0,
-     "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME. A film ends in .mp4 "
-     "or .webm and needs ffmpeg",
+     "a picture, whose ending is its format, such as .png or .exr; of several, FILE-ENV-FRAME. A "
+     "film ends in .mp4 or .webm and needs ffmpeg",
      0},
     {"variant", KEY_VARIANT, "NAME", 0,
      "materials of this variant of the glTF (relight info lists them), or default: the file's own",
@@ -214,9 +215,10 @@ static void check_follow(struct argp_state *state, const struct options *o)
                           "picture; --size and --quality are this program's");
     if (o->sheet || o->difference || o->turn_light)
         argp_error(state, "--follow: no --sheet, --difference or --turn");
-    const char *dot = o->output ? strrchr(o->output, '.') : NULL;
-    if (dot && !strcasecmp(dot, ".hdr"))
-        argp_error(state, "--follow: the daemon writes no .hdr");
+    enum relight_image_format format;
+    char list[128];
+    if (o->output && !video_is_name(o->output) && !picture_ending(o->output, &format))
+        argp_error(state, "--follow: the daemon writes %s", picture_ending_list(list));
 }
 
 // How a picture looks, which a room's scene says.

@@ -41,10 +41,10 @@ static const struct {
                     "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"
                     "  prt colors leaf.glb --material marble --size-mm 50 --env studio.exr \\\n"
                     "      --scattering walk --walks 4096 -o leaf.csv\n"},
-    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}|-",
-                   "light a .prt or a model, and draw it; - draws in the terminal (kitty's\n"
-                   "protocol, sixels or half blocks; $RELIGHT_TERMINAL overrides: kitty,\n"
-                   "sixel, blocks, blocks256)",
+    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o PICTURE|-",
+                   "light a .prt or a model, and draw it; the ending is the format (.png,\n"
+                   ".exr, ...), - draws in the terminal (kitty's protocol, sixels or half\n"
+                   "blocks; $RELIGHT_TERMINAL overrides: kitty, sixel, blocks, blocks256)",
                    1, 2,
                    "  prt image bunny.prt --env grace.exr -\n"
                    "  prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
