@@ -174,7 +174,7 @@ check "$root"
 # A small tree: METHODS.md and the files it names. NAME, TEXT, what must be said.
 copy=$(mktemp -d)
 trap 'rm -rf "$copy"' EXIT
-for file in METHODS.md $(grep -oE '[a-z]\w*/[a-z_/]+\.(c|h|cpp)' "$root/libprt/METHODS.md" | sort -u); do
+for file in METHODS.md $(grep -oE '[a-z]\w*/[a-z0-9_/]+\.(c|h|cpp)' "$root/libprt/METHODS.md" | sort -u); do
     from=$root/libprt/$file to=$copy/libprt/$file
     [ -e "$from" ] || { from=$root/$file to=$copy/$file; }
     [ -e "$from" ] || continue
