@@ -81,6 +81,23 @@ static void last_usage_repeats(void **state)
     }
 }
 
+// A report may end within a byte: its last field is there only with that byte.
+static void report_ends_within_a_byte(void **state)
+{
+    static const uint8_t report[] = {
+        0x05, 1,   0x09, 0x30, 0x09, 0x31, 0x15, 0,
+        0x25, 100, 0x75, 7,    0x95, 2,    0x81, 2}; // x and y, seven bits each
+    struct hid_description d;
+    char fault[HID_FAULT];
+    const uint8_t bytes[2] = {10 | (20 << 7 & 0xff), 20 >> 1};
+    int64_t value;
+    assert_true(hid_parse(report, sizeof report, &d, fault));
+    assert_true(hid_is_report(&d, bytes, 2));
+    assert_false(hid_is_report(&d, bytes, 1));
+    assert_true(hid_value(&d, field_of(&d, "y"), bytes, 2, &value));
+    assert_int_equal(value, 20);
+}
+
 // Continuous at the end of the dead zone, odd, 1 at full deflection.
 static void curves(void **state)
 {
@@ -240,7 +257,9 @@ static void movements_are_summed(void **state)
     assert_true(c.reset && !c.has_position[TARGET_LIGHT_GAIN]);
     assert_true(c.delta[TARGET_LIGHT_AZIMUTH] == -4);
     motion_unbind(m, b);
-    motion_stop(m, NULL);
+    struct motion_times times;
+    motion_stop(m, &times);
+    assert_int_equal(times.requests, 6); // of more reports
 }
 
 // A stick that is held moves on while another one of the device sends reports, and a movement
@@ -412,6 +431,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(descriptors),
                                        cmocka_unit_test(last_usage_repeats),
+                                       cmocka_unit_test(report_ends_within_a_byte),
                                        cmocka_unit_test(curves),
                                        cmocka_unit_test(mapping_files),
                                        cmocka_unit_test(movements_are_summed),
