@@ -680,6 +680,17 @@ static void list_check_learn(void **state)
     assert_non_null(strstr(text, "light.azimuth"));
     assert_non_null(strstr(text, "-3")); // it was turned to the left
     free(text);
+    // What was learned cannot be written: the exit status says so.
+    char nowhere[160];
+    snprintf(nowhere, sizeof nowhere, "%s/no-folder/learned.json", d.folder);
+    start_control(
+        (const char *[]){"--learn", nowhere, "--device", "1234:abcd", "--wait", "1", NULL});
+    expect_says("HID device (1234:abcd): connected");
+    mock_report(device, turned, sizeof turned);
+    waitpid(control.pid, &how, 0);
+    assert_true(WIFEXITED(how));
+    assert_int_equal(WEXITSTATUS(how), 1);
+    expect_says("no-folder/learned.json");
     // A signal ends it while it waits for a movement.
     start_control(
         (const char *[]){"--learn", file, "--device", "1234:abcd", "--wait", "100", NULL});
