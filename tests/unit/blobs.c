@@ -289,6 +289,24 @@ static void test_pipelined_chunks(void **state)
     close_store(&s);
 }
 
+// A chunk beyond the bytes that are there is refused, with both numbers.
+static void test_chunk_behind_a_gap(void **state)
+{
+    struct store s;
+    new_store(&s);
+    static const char bytes[] = "0123456789";
+    char hash[65];
+    hash_of(bytes, 10, hash);
+    assert_int_equal(put(&s, "ann", hash, 10, 0, bytes, 3).put.code, 0);
+    struct sent sent = put(&s, "ann", hash, 10, 7, bytes + 7, 3);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    assert_non_null(strstr(sent.put.error, "starts at 7, past the 3 bytes"));
+    sent = put(&s, "ann", hash, 10, 2, bytes + 2, 8); // an overlap is none
+    assert_int_equal(sent.put.code, 0);
+    assert_true(sent.put.complete);
+    close_store(&s);
+}
+
 static void test_limits_of_a_principal(void **state)
 {
     struct store s;
@@ -956,6 +974,7 @@ int main(void)
         cmocka_unit_test(test_room_is_charged_when_promised),
         cmocka_unit_test(test_first_of_two_wins),
         cmocka_unit_test(test_pipelined_chunks),
+        cmocka_unit_test(test_chunk_behind_a_gap),
         cmocka_unit_test(test_limits_of_a_principal),
         cmocka_unit_test(test_the_longest_idle_upload_goes),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
