@@ -997,6 +997,9 @@ static void fields_of_views(void **state)
     assert_int_equal(relight_view_open(client, &request, &view, &error), 0);
     assert_int_equal(relight_view_next(view, 30, &frame, &error), 0);
     relight_frame_out_finish(&frame);
+    assert_int_equal(relight_view_change(view, &request, 0, NULL, &sequence, &error),
+                     -RELIGHT_E_ARGUMENT); // nothing is sent
+    assert_string_equal(error.text, "no field is named");
     assert_int_equal(relight_view_change(view, &request, 2, fields, &sequence, &error), 0);
     assert_int_equal(sequence, 1);
     assert_int_equal(relight_view_close(view, NULL, NULL, &error), 0);
