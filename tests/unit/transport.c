@@ -341,6 +341,47 @@ static void forged_headers_are_refused(void **state)
     prt_free(blob.bytes);
 }
 
+// The file with one more section behind the others, of 64 zeros.
+static struct prt_blob with_section(const struct prt_blob *blob, uint32_t type, uint32_t tensor)
+{
+    const struct format_header *h = blob->bytes;
+    const size_t n_section = h->n_section, table = format_padded(32 * n_section);
+    const size_t longer = format_padded(32 * (n_section + 1)), head = sizeof *h;
+    struct prt_blob out = {.size = blob->size + longer - table + FORMAT_ALIGN};
+    out.bytes = calloc(1, out.size);
+    assert_non_null(out.bytes);
+    char *to = out.bytes;
+    memcpy(to, blob->bytes, head + 32 * n_section);
+    memcpy(to + head + longer, (const char *)blob->bytes + head + table,
+           blob->size - head - table);
+    struct format_section *s = (struct format_section *)(to + head);
+    for (size_t i = 0; i < n_section; i++) s[i].offset += longer - table;
+    s[n_section] = (struct format_section){
+        .type = type,
+        .tensor = tensor,
+        .offset = out.size - FORMAT_ALIGN,
+        .bytes = FORMAT_ALIGN,
+        .hash = XXH3_64bits(to + out.size - FORMAT_ALIGN, FORMAT_ALIGN)};
+    ((struct format_header *)to)->n_section++;
+    ((struct format_header *)to)->file_bytes = out.size;
+    reseal(&out);
+    return out;
+}
+
+// A section that nothing reads: of an unknown type, or of a tensor that is not there.
+static void sections_too_many_are_refused(void **state)
+{
+    struct prt_blob blob = written();
+    const uint32_t more[][2] = {{SECTION_ETA + 1, 0}, {4096, 0}, {SECTION_U, PRT_MOST_TENSORS}};
+    for (size_t i = 0; i < sizeof more / sizeof *more; i++) {
+        struct prt_blob longer = with_section(&blob, more[i][0], more[i][1]);
+        assert_int_equal(open_copy(longer.bytes, longer.size, PRT_FILE_CHECK_ALL), PRT_FORMAT);
+        assert_non_null(strstr(last_line, "unknown type, or one too many"));
+        free(longer.bytes);
+    }
+    prt_free(blob.bytes);
+}
+
 // Damages, each with a part of the message that refuses it: a damage that another check refuses
 // first would prove nothing about its own. M: the mesh; A factored halves, S sparse bytes, F
 // low-rank rows, P polynomial, K walks; C, Q clusters of A and P. Bounds are broken by one.
@@ -861,6 +902,7 @@ int main(void)
         cmocka_unit_test(every_truncation_is_refused),
         cmocka_unit_test(every_flipped_byte_is_refused),
         cmocka_unit_test(forged_headers_are_refused),
+        cmocka_unit_test(sections_too_many_are_refused),
         cmocka_unit_test(broken_structure_is_refused),
         cmocka_unit_test(large_counts_are_refused),
         cmocka_unit_test(foreign_files_are_refused),
