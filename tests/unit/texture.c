@@ -675,6 +675,32 @@ static void wrong_texture_records(void **state)
     }
 }
 
+// Images in base64 of all three remainders: each byte counts, for libwebp takes no file that is
+// shorter than its header says.
+static void data_uri_to_its_last_byte(void **state)
+{
+    for (unsigned more = 0; more <= 4; more += 2) { // zeros behind the picture, in its chunk
+        uint8_t webp[38] = {'R', 'I', 'F',  'F', 26,   0,    0,    0,    'W',  'E',  'B',
+                            'P', 'V', 'P',  '8', 'L',  14,   0,    0,    0,    0x2f, 0,
+                            0,   0,   0x10, 7,   0x10, 0x11, 0x11, 0x88, 0x88, 0xfe, 7};
+        struct prt_context ctx = context();
+        struct prt_mesh *m = NULL;
+        char data[80], text[1000];
+        webp[4] = (uint8_t)(webp[4] + more);
+        webp[16] = (uint8_t)(webp[16] + more);
+        base64(webp, 34 + more, data);
+        snprintf(text, sizeof text,
+                 "\"images\":[{\"uri\":\"data:image/webp;base64,%s\"}],"
+                 "\"textures\":[{\"source\":0}],"
+                 "\"materials\":[{\"normalTexture\":{\"index\":0}}]",
+                 data);
+        assert_int_equal(square(&ctx, text, &m), PRT_OK);
+        assert_int_equal(m->n_image, 1);
+        assert_true(m->image[0].width == 1 && m->image[0].height == 1);
+        prt_mesh_destroy(m);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -696,6 +722,7 @@ int main(void)
         cmocka_unit_test(means_of_normals_stay_short),
         cmocka_unit_test(volumes_of_a_gltf),
         cmocka_unit_test(wrong_texture_records),
+        cmocka_unit_test(data_uri_to_its_last_byte),
     };
     return run_test_group(tests, NULL, NULL);
 }
