@@ -171,6 +171,12 @@ static void transmissive_interiors(void **state)
     expect_near("F_0 of a quarter of eta 1.5", root * root, 0.04 / 4, 1e-6);
     import(mtlx("open_pbr_surface", (const char *const[]){"transmission_weight=1", NULL}),
            false);
+    // a depth alone colours the light on its way and scatters none of it
+    static const char *const clear[] = {"transmission_weight=1", "transmission=1",
+                                        "transmission_color=.8,.4,.2", "transmission_depth=2",
+                                        NULL};
+    import(mtlx("open_pbr_surface", clear), false);
+    import(mtlx("standard_surface", clear), false);
     import(mtlx("open_pbr_surface",
                 (const char *const[]){"base_metalness=1", "subsurface_weight=1", NULL}),
            false);
