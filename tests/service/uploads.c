@@ -396,6 +396,27 @@ static void test_damaged_blob_is_not_used(void **state)
     relight_close(client);
 }
 
+// An upload whose file went away behind the daemon is not found when a model needs it.
+static void test_file_of_an_upload_is_gone(void **state)
+{
+    static const char text[] = "v 0 0 0\nv 2 0 0\nv 0 2 0\nf 1 2 3\n";
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    char hash[65], path[300];
+    OK(relight_upload(client, "gone.obj", text, sizeof text - 1, NULL, NULL, hash, NULL,
+                      &error));
+    snprintf(path, sizeof path, "%s/blobs/%s", d.data, hash);
+    assert_int_equal(unlink(path), 0);
+    struct relight_file file = {"gone.obj", hash};
+    struct relight_load load = {
+        .size_mm = 10, .material = "marble", .preview = true, .n_file = 1, .files = &file};
+    struct relight_loaded loaded;
+    assert_int_equal(relight_load(client, &load, &loaded, &error), -RELIGHT_E_NOT_FOUND);
+    assert_non_null(strstr(error.text, "gone.obj"));
+    assert_non_null(strstr(error.text, "upload it again"));
+    relight_close(client);
+}
+
 // What ENV says about an upload that is no image.
 static void env_error(int fd, const char *hash, char text[300])
 {
@@ -525,6 +546,7 @@ int main(void)
         cmocka_unit_test(test_uploads_are_bounded_by_principal),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_damaged_blob_is_not_used),
+        cmocka_unit_test(test_file_of_an_upload_is_gone),
         cmocka_unit_test(test_names_are_not_shown_to_others),
         cmocka_unit_test(test_disconnects_during_chunks),
         cmocka_unit_test(test_files_of_limited_size),
