@@ -723,6 +723,12 @@ static void test_headers_that_unpack_to_much(void **state)
         assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
         assert_non_null(strstr(a.text, "more parts"));
     }
+    // One of 16000 parts is read, one of 16385 is not.
+    frames_add_raw(f, RELIGHT_TYPE_LOAD, 5, opaque, 2 * 16000);
+    frames_add_raw(f, RELIGHT_TYPE_LOAD, 6, opaque, 2 * 16385);
+    frames_send(f);
+    assert_null(strstr(frames_wait(f, 5).text, "more parts"));
+    assert_non_null(strstr(frames_wait(f, 6).text, "more parts"));
     // Nor do they hold up the loop.
     double best = 1;
     struct relight_client *client = client_open(d.address);
