@@ -14,6 +14,7 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -65,6 +66,20 @@ static void test_owner_is_kept_beside_the_file(void **state)
     assert_int_equal(unlink(path), 0);
     snprintf(path, sizeof path, "%s/none/file", folder);
     assert_int_equal(disk_owner_write(path, "token:ann"), -ENOENT);
+}
+
+// ---- a disk that does not sync folders
+
+static _Atomic bool folders_fail;
+
+int fsync(int fd)
+{
+    struct stat st;
+    if (folders_fail && !fstat(fd, &st) && S_ISDIR(st.st_mode)) {
+        errno = EIO;
+        return -1;
+    }
+    return (int)syscall(SYS_fsync, fd);
 }
 
 // ---- the store, with a loop and workers of its own
@@ -304,6 +319,28 @@ static void test_chunk_behind_a_gap(void **state)
     sent = put(&s, "ann", hash, 10, 2, bytes + 2, 8); // an overlap is none
     assert_int_equal(sent.put.code, 0);
     assert_true(sent.put.complete);
+    close_store(&s);
+}
+
+// An upload is complete once its name is on the disk, too: it fails with the folder's fsync.
+static void test_folder_that_does_not_sync(void **state)
+{
+    struct store s;
+    new_store(&s);
+    static const char bytes[] = "0123456789";
+    char hash[65], path[200];
+    hash_of(bytes, 10, hash);
+    snprintf(path, sizeof path, "%s/blobs/%s", folder, hash);
+    folders_fail = true;
+    struct sent sent = put(&s, "ann", hash, 10, 0, bytes, 10);
+    folders_fail = false;
+    assert_int_not_equal(sent.put.code, 0);
+    assert_false(sent.put.complete);
+    assert_int_equal(access(path, F_OK), -1);
+    sent = put(&s, "ann", hash, 10, 0, bytes, 10);
+    assert_int_equal(sent.put.code, 0);
+    assert_true(sent.put.complete);
+    assert_int_equal(access(path, F_OK), 0);
     close_store(&s);
 }
 
@@ -975,6 +1012,7 @@ int main(void)
         cmocka_unit_test(test_first_of_two_wins),
         cmocka_unit_test(test_pipelined_chunks),
         cmocka_unit_test(test_chunk_behind_a_gap),
+        cmocka_unit_test(test_folder_that_does_not_sync),
         cmocka_unit_test(test_limits_of_a_principal),
         cmocka_unit_test(test_the_longest_idle_upload_goes),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
