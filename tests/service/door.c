@@ -408,8 +408,10 @@ static void test_bodies(void **state)
 // A refused client is told so: ERROR with code 6 (BUSY), a text, and retry_after_ms.
 static void test_full_says_busy(void **state)
 {
-    const char *const extra[] = {"--http", "127.0.0.1:0", "--connections", "3", NULL};
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--connections", "4", NULL};
     daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    const double before = metric(client, "relightd_connections_refused_total");
     int fd[N_CARRIER];
     for (int i = 0; i < N_CARRIER; i++) {
         fd[i] = carrier_connect(i);
@@ -429,7 +431,10 @@ static void test_full_says_busy(void **state)
         assert_non_null(memmem(answer, n, "\x20\xe8\x07", 3));
         close(more);
     }
+    assert_int_equal(get("/v1/models", "localhost", ""), 503);
     assert_int_equal(get("/healthz", "localhost", ""), 200); // a probe is no connection
+    assert_true(metric(client, "relightd_connections_refused_total") - before == N_CARRIER + 1);
+    relight_close(client);
     for (int i = 0; i < N_CARRIER; i++) close(fd[i]);
     assert_int_equal(daemon_stop(&d), 0);
 }
