@@ -721,7 +721,7 @@ static int as_nobody(void)
     struct relight_light light = {.env = "constant"};
     struct relight_colors_request colors = {.model = "none", .lights = &light, .n_light = 1};
     float rgb[N_COLOR];
-    if (setgid(65534) || setuid(65534)) return 10;
+    if (setgid(65533) || setuid(65534)) return 10; // a principal is a user, no group
     if (relight_connect(d.address, NULL, &client, &error)) return 11;
     if (strcmp(relight_server(client)->principal, "uid:65534")) return 12;
     if (relight_token_list(client, &tokens, &error) != -RELIGHT_E_FORBIDDEN) return 13;
