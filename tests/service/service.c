@@ -260,6 +260,18 @@ static void test_nonsense_is_refused_by_name(void **state)
         .height = 8,
         .camera = {.set = true, .eye = {0, 1, 0}, .target = {0, 0, 0}}};
     expect(relight_image(client, &p, &image, &error), RELIGHT_E_OUT_OF_RANGE, &error, "line");
+    for (int i = 0; i < 3; i++) { // each of its vectors has a range
+        static const char *const name[3] = {"picture.camera.eye", "picture.camera.target",
+                                            "picture.camera.up"};
+        p.picture.camera =
+            (struct relight_camera){.set = true, .eye = {0, 0, 5}, .up = {0, 1, 0}};
+        float *const vector[3] = {p.picture.camera.eye, p.picture.camera.target,
+                                  p.picture.camera.up};
+        vector[i][1] = 2e9f;
+        expect(relight_image(client, &p, &image, &error), RELIGHT_E_OUT_OF_RANGE, &error,
+               name[i]);
+        assert_string_equal(error.parameter, name[i]);
+    }
     struct relight_load load = {.path = "../../etc/passwd", .material = "marble"};
     struct relight_loaded loaded;
     expect(relight_load(client, &load, &loaded, &error), RELIGHT_E_FORBIDDEN, &error, NULL);
