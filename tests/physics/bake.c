@@ -198,6 +198,26 @@ static void a_draft_takes_a_finer_light(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: a draft for every medium keeps the terms of their phase functions (METHODS §3.8).
+static void a_draft_scatters_forwards(void **state)
+{
+    struct prt_mesh *mesh = body();
+    const struct prt_bake_options o = {
+        .engine = PRT_TRANSPORT_JOINT, .media = prt_media_one(kept("skin1")), .draft = true};
+    struct prt_cube light = light_of(16);
+    struct prt_material m = medium("skin1");
+    for (int c = 0; c < 3; c++) m.g[c] = 0.5f;
+    const struct prt_query q = {
+        .term = PRT_ANSWER_SINGLE, .light = &light, .media = prt_media_one(&m)};
+    assert_int_equal(prt_bake(&context, mesh, &o, file("d.prt")), PRT_OK);
+    float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_SINGLE);
+    expect_below("relative RMSE of single scattering, g 0.5",
+                 error_of(file("d.prt"), &q, (const float(*)[3])want), 0.1);
+    free(want);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
 // Law: a draft gives the reference's multiple scattering within 3 % and its total within 5 %
 // for media that it was not trained on (METHODS §3.8), and its profile counts the work that was
 // done.
@@ -403,6 +423,7 @@ int main(void)
         cmocka_unit_test(sparse_converges_to_the_reference),
         cmocka_unit_test(joint_serves_every_medium),
         cmocka_unit_test(a_draft_takes_a_finer_light),
+        cmocka_unit_test(a_draft_scatters_forwards),
         cmocka_unit_test(a_draft_is_within_three_percent),
         cmocka_unit_test(polynomial_serves_every_medium),
         cmocka_unit_test(an_open_body_is_lit_like_others),
