@@ -126,6 +126,26 @@ static void factored_agrees_with_the_reference(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: light that other bodies keep from an exit is missing there (W05 eq 11): of a bright
+// ground under an opaque square little reaches the ball above it.
+static void a_square_shadows_single_scattering(void **state)
+{
+    struct prt_mesh *mesh = ball_over_square(&context, 48, 32);
+    struct prt_bake_options o = options("skin1");
+    struct prt_cube light;
+    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
+    for (uint32_t i = 0; i < 6 * 16 * 16 * 3; i++)
+        light.texel[i] = i / (16 * 16 * 3) == 3 ? 1 : 0.05f; // from -y
+    assert_int_equal(prt_bake(&context, mesh, &o, file("a.prt")), PRT_OK);
+    const struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = &light};
+    float(*want)[3] = reference(mesh, o.media.medium, &light, PRT_REFERENCE_SINGLE);
+    expect_below("relative RMSE of single scattering over a square",
+                 error_of(file("a.prt"), &q, (const float(*)[3])want), 0.05);
+    free(want);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
 // Law: W05's truncation converges to the reference as it keeps more coefficients (W05 eq 7).
 static void sparse_converges_to_the_reference(void **state)
 {
@@ -420,6 +440,7 @@ int main(void)
     if (!mkdtemp(folder)) return 1;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(factored_agrees_with_the_reference),
+        cmocka_unit_test(a_square_shadows_single_scattering),
         cmocka_unit_test(sparse_converges_to_the_reference),
         cmocka_unit_test(joint_serves_every_medium),
         cmocka_unit_test(a_draft_takes_a_finer_light),
