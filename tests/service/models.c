@@ -615,6 +615,34 @@ static void test_earlier_data_folder(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// INFO tells the first 64 warnings of a model, however many its bake had.
+static void test_many_warnings(void **state)
+{
+    enum { N = 70 };
+    static const char id[] = "0123456789abcdef0123456789abcdef";
+    char path[300], text[2000];
+    data_folders();
+    catalogue(id, "many.obj", 0);
+    int n =
+        snprintf(text, sizeof text, "{\"id\":\"%s\",\"name\":\"many.obj\",\"warnings\":\"", id);
+    for (int i = 0; i < N; i++)
+        n += snprintf(text + n, sizeof text - (size_t)n, "warning %d\\n", i);
+    snprintf(text + n, sizeof text - (size_t)n, "\"}");
+    snprintf(path, sizeof path, "%s/models/%s.json", d.data, id);
+    write_text(path, text);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_model info;
+    OK(relight_info(client, id, &info, &error));
+    assert_int_equal(info.n_warning, 64);
+    assert_string_equal(info.warning[0], "warning 0");
+    assert_string_equal(info.warning[63], "warning 63");
+    relight_model_finish(&info);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // ---- LOAD requests that are refused
 
 static void test_bake_env_is_no_path(void **state)
@@ -944,6 +972,7 @@ int main(void)
         TEST(test_names_belong_to_principals),
         TEST(test_settings_name_the_model),
         TEST(test_earlier_data_folder),
+        TEST(test_many_warnings),
         TEST(test_bake_env_is_no_path),
         TEST(test_files_of_one_name),
         TEST(test_bakes_of_one_client),
