@@ -177,6 +177,42 @@ static void each_object_is_as_with_its_medium_alone(void **state)
         }
 }
 
+// Law: the same of a bake by walks (METHODS §9), of media that let much light through: walks
+// and straight paths are those of the object's own index.
+static void walks_are_as_with_their_medium_alone(void **state)
+{
+    struct prt_material thin[BALLS] = {material[0], material[1]};
+    for (int k = 0; k < BALLS; k++)
+        for (int c = 0; c < 3; c++)
+            thin[k].sigma_s_prime[c] *= 0.1f, thin[k].sigma_a[c] *= 0.1f;
+    const struct prt_media media[] = {prt_media_one(&thin[1]), {BALLS, thin, own}};
+    float(*got[2][2])[3]; // [both][unscattered]
+    for (int both = 0; both < 2; both++) {
+        const struct prt_bake_options o = {.engine = PRT_TRANSPORT_WAVELET,
+                                           .media = media[both],
+                                           .scattering = PRT_SCATTERING_WALK,
+                                           .n_walk = 16,
+                                           .n_sample = 4000,
+                                           .cube = 16,
+                                           .rank = 40,
+                                           .n_basis_coef = 1200,
+                                           .no_single = true,
+                                           .seed = 1};
+        assert_int_equal(prt_bake(&context, mesh, &o, file("walks", both)), PRT_OK);
+        struct prt_file *f = open_prt(file("walks", both));
+        got[both][0] = ask(f, media[both], PRT_ANSWER_MULTIPLE, NULL);
+        got[both][1] = ask(f, media[both], PRT_ANSWER_UNSCATTERED, NULL);
+        prt_file_close(f);
+    }
+    for (int t = 0; t < 2; t++) {
+        expect_below(expect_name("walks, %s: relative RMSE against its medium alone",
+                                 t ? "unscattered" : "multiple"),
+                     error_on(1, (const float(*)[3])got[1][t], (const float(*)[3])got[0][t]),
+                     1e-6);
+        free(got[0][t]), free(got[1][t]);
+    }
+}
+
 // Law: colours of several eta are the reference's (METHODS §8), baked or brute force.
 static void several_eta_agree_with_the_reference(void **state)
 {
@@ -355,6 +391,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_object_is_as_with_its_medium_alone),
+        cmocka_unit_test(walks_are_as_with_their_medium_alone),
         cmocka_unit_test(dark_object_keeps_its_error),
         cmocka_unit_test(several_eta_agree_with_the_reference),
         cmocka_unit_test(an_edit_of_one_object_keeps_the_other),
