@@ -46,6 +46,12 @@ static double number(const cJSON *json, const char *key)
     return cJSON_IsNumber(item) && isfinite(item->valuedouble) ? item->valuedouble : 0;
 }
 
+// Whether it is one folder in a folder: what it names is removed with all that it holds.
+static bool is_folder(const char *name)
+{
+    return name[0] && name[0] != '.' && !strchr(name, '/');
+}
+
 bool job_record_parse(const char *text, struct job_record *r)
 {
     char order[24] = "";
@@ -55,7 +61,7 @@ bool job_record_parse(const char *text, struct job_record *r)
     bool ok = take(json, "id", r->id, sizeof r->id) && r->id[0] &&
               take(json, "model", r->model, sizeof r->model) &&
               take(json, "owner", r->owner, sizeof r->owner) &&
-              take(json, "folder", r->folder, sizeof r->folder) && !strchr(r->folder, '/') &&
+              take(json, "folder", r->folder, sizeof r->folder) && is_folder(r->folder) &&
               take(json, "order", order, sizeof order) &&
               take(json, "stage", r->stage, sizeof r->stage) &&
               take(json, "error", r->error, sizeof r->error) &&

@@ -250,6 +250,40 @@ static void test_leftovers(void **state)
     assert_int_equal(daemon_end(&d), 0);
 }
 
+// A record whose folder is all of work/, or of the data folder, is no job: nothing is removed.
+static void test_records_that_lead_elsewhere(void **state)
+{
+    static const char *const folder[] = {"", ".", ".."};
+    struct relight_error error;
+    struct relight_loaded loaded;
+    char path[200], text[400];
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    OK(load_small(client, &d, "beside.obj", 51, LONG / 4, &loaded, &error));
+    wait_for_pieces(1);
+    kill_daemon();
+    relight_close(client);
+    for (int i = 0; i < 3; i++) {
+        snprintf(path, sizeof path, "%s/jobs/job-none-%d.json", d.data, i);
+        snprintf(text, sizeof text,
+                 "{\"id\":\"job-none-%d\",\"model\":\"\",\"owner\":\"\",\"folder\":\"%s\","
+                 "\"order\":\"1\",\"state\":0,\"stage\":\"\",\"error\":\"\","
+                 "\"warnings\":\"\",\"recipe\":\"\"}",
+                 i, folder[i]);
+        write_text(path, text);
+    }
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
+    for (int i = 0; i < 3; i++) {
+        snprintf(text, sizeof text, "job-none-%d", i);
+        assert_int_equal(relight_watch(client, text, NULL, NULL, &error), -RELIGHT_E_NOT_FOUND);
+    }
+    wait_for_job(client, loaded.job);
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_end(&d), 0);
+}
+
 // The finished work counts as disk of the one who ordered the bake, and is bounded.
 static void test_checkpoint_is_charged(void **state)
 {
@@ -308,6 +342,7 @@ int main(void)
         cmocka_unit_test(test_killed_bake_goes_on),
         cmocka_unit_test(test_queue_survives),
         cmocka_unit_test(test_leftovers),
+        cmocka_unit_test(test_records_that_lead_elsewhere),
         cmocka_unit_test(test_checkpoint_is_charged),
     };
     signal(SIGPIPE, SIG_IGN);
