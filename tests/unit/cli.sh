@@ -267,6 +267,12 @@ check grep -Eq '^worst [0-9.]+ %$' out
 expect 1 'above --max-rmse' "$prt" compare joint.prt reference --env constant --materials range --term multiple \
     --samples 4000 --vertices 10 --max-rmse 1e-9 --json
 check grep -q '"media":\[{"material":"' out
+# --cube is the resolution at which the reference sees a light, here a small sun.
+awk 'BEGIN { printf "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n"
+    for (i = 0; i < 512; i++) printf i == 140 ? "\177\177\177\207" : "\3\3\3\170" }' >sun.hdr
+sun="--env sun.hdr --materials skin1 --term multiple --samples 4000 --vertices 20 --max-rmse 0.018"
+expect 0 '' "$prt" compare joint.prt reference $sun
+expect 1 'above --max-rmse' "$prt" compare joint.prt reference $sun --cube 4
 expect 2 'sigma_s_prime\[0\] is 900, this bake covers 0.02 to 25 mm\^-1' "$prt" colors joint.prt --env constant -o x.csv \
     --material '{"sigma_s_prime":[900,1,1],"sigma_a":[0,0,0]}'
 expect 2 'eta is 1.5, this bake is for 1.3' "$prt" colors joint.prt --env constant --material marble -o x.csv
