@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The media at which a free medium's walks are known, and the few functions that are stored:
-// the leading directions of the media's answers in some clusters of the body, to fields of
-// irradiance on its surface that no light needs to be known for.
+// the leading directions of the media's answers in some clusters of the body, walked ones and
+// those that the dipole serves, to fields of irradiance on its surface that no light needs to
+// be known for.
 #include "bake/free_walks.h"
 #include "bake/sources.h"
 
@@ -118,9 +119,43 @@ struct pilot {
     const struct walk_pool *pool;
     const struct lit_rows *lit;
     struct radial_set radial;
-    uint32_t n_walk, n, cluster[PILOTS];
-    double *gram, *even; // [PILOTS][n_media][n_media], [PILOTS][n_media] squares of even light
+    uint32_t n_walk, n, cluster[2 * PILOTS];
+    double *gram, *even; // [2 PILOTS][n_media][n_media], [2 PILOTS][n_media] squares of even
+                         // light
 };
+
+// Answers of walks, [n_media][n_vertex][FIELDS].
+static int walked_answers(const struct pilot *p, uint32_t c, const struct cut *cut, double *y)
+{
+    const size_t all = (size_t)p->pool->n_media * p->b->clusters->cluster[c].n_vertex * FIELDS;
+    const struct free_walks_job job = {p->b, p->pool, cut, p->lit, NULL, c, p->n_walk, false};
+    struct free_walks walks = {0};
+    int status = prt_free_walks_run(&job, &walks);
+    for (size_t k = 0; k < all && !status; k++) y[k] = (double)walks.answer[k];
+    prt_free_walks_finish(&walks);
+    return status;
+}
+
+// The same of the dipole.
+static int dipole_answers(const struct pilot *p, uint32_t c, const struct cut *cut, double *y)
+{
+    const struct walk_pool *pool = p->pool;
+    const uint32_t n = p->b->clusters->cluster[c].n_vertex, F = pool->n_radial;
+    const size_t block = (size_t)n * FIELDS, N = pool->n_media;
+    const float *of = pool->dipole + prt_bake_medium(p->b, c) * N * F;
+    struct half_rows none = {.n_layer = 1};
+    struct product_rows product = {&none, cut, n, F, p->lit, NULL, NULL};
+    float *one = prt_alloc(F * block, sizeof *one), *all = prt_alloc(N * block, sizeof *all);
+    int status =
+        one && all ? prt_product_multiply(&product, p->lit->light, FIELDS, one) : PRT_NOMEM;
+    if (!status)
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)N, (int)block, (int)F, 1,
+                    of, (int)F, one, (int)block, 0, all, (int)block);
+    for (size_t k = 0; k < N * block && !status; k++) y[k] = (double)all[k];
+    prt_free(one);
+    prt_free(all);
+    return status;
+}
 
 static int pilot_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
@@ -131,42 +166,40 @@ static int pilot_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_trace_thread_init();
     for (size_t i = begin; i < end && !status; i++) {
         struct cut cut = {0};
+        const uint32_t c = p->cluster[i], n_vertex = b->clusters->cluster[c].n_vertex;
+        const size_t block = (size_t)n_vertex * FIELDS;
         const struct cut_source from = prt_bake_cut_source(b);
-        status = prt_cut_build(b->ctx, &from, p->cluster[i], &p->radial, &cut);
-        const struct free_walks_job job = {b,    p->pool,       &cut,      p->lit,
-                                           NULL, p->cluster[i], p->n_walk, false};
-        struct free_walks walks = {0};
-        if (!status) status = prt_free_walks_run(&job, &walks);
-        const size_t block = (size_t)walks.n_vertex * walks.n_light;
-        double *y = status ? NULL : prt_alloc(N * block, sizeof *y);
-        if (!status && !y) status = PRT_NOMEM;
-        for (size_t k = 0; k < N * block && !status; k++) y[k] = (double)walks.answer[k];
+        double *y = prt_alloc(N * block, sizeof *y);
+        status = y ? prt_cut_build(b->ctx, &from, c, &p->radial, &cut) : PRT_NOMEM;
+        if (!status)
+            status = (prt_walks_in(b, c) ? walked_answers : dipole_answers)(p, c, &cut, y);
         if (!status)
             cblas_dsyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)N, (int)block, 1, y,
                         (int)block, 0, p->gram + i * N * N, (int)N);
         for (size_t k = 0; k < N && !status; k++) {
             double sum = 0;
-            for (size_t v = 0; v < walks.n_vertex; v++)
-                sum += y[k * block + v * walks.n_light] * y[k * block + v * walks.n_light];
-            p->even[i * N + k] = sum / walks.n_vertex / p->n;
+            for (size_t v = 0; v < n_vertex; v++)
+                sum += y[k * block + v * FIELDS] * y[k * block + v * FIELDS];
+            p->even[i * N + k] = sum / n_vertex / p->n;
         }
         prt_free(y);
-        prt_free_walks_finish(&walks);
         prt_cut_finish(&cut);
     }
     return status;
 }
 
-// Walked clusters, spread evenly.
-static void choose_pilots(struct pilot *p)
+// Up to PILOTS clusters that are walked, or that the dipole serves, spread evenly.
+static void choose_pilots(struct pilot *p, bool walked)
 {
-    const uint32_t n = p->b->clusters->n_cluster;
-    uint32_t walked = 0, seen = 0;
-    for (uint32_t c = 0; c < n; c++) walked += prt_walks_in(p->b, c);
-    const uint32_t want = walked < PILOTS ? walked : PILOTS;
-    for (uint32_t c = 0; c < n && p->n < want; c++) {
-        if (!prt_walks_in(p->b, c)) continue;
-        if (seen * want >= p->n * walked) p->cluster[p->n++] = c;
+    const struct bake *b = p->b;
+    const uint32_t n = b->clusters->n_cluster, first = p->n;
+    uint32_t found = 0, seen = 0;
+    for (uint32_t c = 0; c < n; c++)
+        found += b->clusters->translucent[c] && prt_walks_in(b, c) == walked;
+    const uint32_t want = found < PILOTS ? found : PILOTS;
+    for (uint32_t c = 0; c < n && p->n < first + want; c++) {
+        if (!b->clusters->translucent[c] || prt_walks_in(b, c) != walked) continue;
+        if (seen * want >= (p->n - first) * found) p->cluster[p->n++] = c;
         seen++;
     }
 }
@@ -179,10 +212,10 @@ static int choose_functions(double *gram, struct walk_pool *p)
            most = 0;
     uint32_t D = 0;
     if (!value) return PRT_NOMEM;
-    for (uint32_t i = 0; i < N; i++) {
-        norm[i] = sqrt(fmax(gram[i * N + i], 1e-300));
-        most = fmax(most, norm[i]);
-    }
+    for (uint32_t i = 0; i < N; i++) most = fmax(most, sqrt(gram[i * N + i]));
+    for (uint32_t i = 0; i < N;
+         i++) // a medium without an answer, of few walks, has no direction
+        norm[i] = fmax(sqrt(gram[i * N + i]), fmax(1e-9 * most, 1e-30));
     for (uint32_t i = 0; i < N; i++)
         for (uint32_t j = 0; j <= i; j++) gram[i * N + j] /= norm[i] * norm[j];
     int status = LAPACKE_dsyevd(LAPACK_ROW_MAJOR, 'V', 'L', (int)N, gram, (int)N, value)
@@ -210,9 +243,10 @@ static int find_functions(const struct bake *b, const struct bases *bases, struc
     struct lit_rows fields = {0};
     struct pilot pilot = {.b = b, .pool = p, .lit = &fields, .n_walk = b->walk->n_walk};
     pilot.radial = prt_bases_radial_set(bases);
-    pilot.gram = prt_calloc(PILOTS * N * N, sizeof *pilot.gram);
-    pilot.even = prt_calloc(PILOTS * N, sizeof *pilot.even);
-    choose_pilots(&pilot);
+    pilot.gram = prt_calloc(2 * PILOTS * N * N, sizeof *pilot.gram);
+    pilot.even = prt_calloc(2 * PILOTS * N, sizeof *pilot.even);
+    choose_pilots(&pilot, true);
+    choose_pilots(&pilot, false);
     int status = pilot.gram && pilot.even ? fill_fields(b, &fields) : PRT_NOMEM;
     if (!status) status = prt_parallel_for(b->ctx, "walks", pilot.n, 1, pilot_range, &pilot);
     for (size_t i = 0; i < N && !status; i++) {

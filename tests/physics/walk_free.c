@@ -172,6 +172,16 @@ static void no_jumps(void **state)
     free(color);
 }
 
+// Multiple scattering of a file whose medium is fixed, of every vertex.
+static void answer_fixed(const char *path, float (*out)[3])
+{
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    const struct prt_query query = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
+    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &query, out), PRT_OK);
+    prt_file_close(f);
+}
+
 // Law: an object with holes is baked with the dipole, as a combination of the same functions:
 // the file answers as one by the dipole does (METHODS §9, holes).
 static void holes_keep_the_dipole(void **state)
@@ -193,13 +203,60 @@ static void holes_keep_the_dipole(void **state)
     bake(mesh, PRT_TRANSPORT_JOINT, 16, false, NULL, holed);
     assert_int_equal(prt_bake(&quiet, mesh, &o, dipole), PRT_OK);
     answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
-    struct prt_file *f;
-    assert_int_equal(prt_file_open(&context, dipole, PRT_FILE_CHECK_ALL, &f), PRT_OK);
-    const struct prt_query query = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
-    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &query, want), PRT_OK);
-    prt_file_close(f);
+    answer_fixed(dipole, want);
     expect_below("difference from the dipole",
                  prt_relative_rmse(got[0], want[0], 3 * (size_t)mesh->n_vertex), 0.03);
+    free(got);
+    free(want);
+    prt_mesh_destroy(mesh);
+}
+
+// A closed ball, and 60 mm beside it one with a hole. *second: the latter's first vertex.
+static struct prt_mesh *closed_and_open(uint32_t *second)
+{
+    struct model m;
+    struct part part[2] = {{0, 0, NULL}};
+    model_init(&m, 2 * 28 * 15, 2 * 28 * 14 * 2);
+    add_ball(&m, 28, 14, 14, dented_ball);
+    part[1] = (struct part){m.mesh.n_vertex, m.mesh.n_triangle, NULL};
+    add_ball(&m, 28, 14, 7, dented_ball);
+    for (uint32_t v = part[1].vertex_begin; v < m.mesh.n_vertex; v++)
+        m.mesh.position[v][0] += 60;
+    const uint32_t n_vertex = m.mesh.n_vertex;
+    struct prt_mesh *mesh = body_mesh(&context, &m, false);
+    assert_int_equal(mesh->n_vertex, n_vertex);
+    split_parts(mesh, 2, part);
+    *second = part[1].vertex_begin;
+    return mesh;
+}
+
+// Law: so it is beside a body that is walked: the stored functions hold the answers of both
+// (METHODS §9, holes). Strongly absorbing media have few walks and a dipole all the same.
+static void holes_beside_a_closed_body(void **state)
+{
+    static const char *const media[] = {"skin1", "marble", "ketchup"};
+    uint32_t second;
+    struct prt_mesh *mesh = closed_and_open(&second);
+    const size_t open = 3 * (size_t)(mesh->n_vertex - second);
+    float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
+    float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
+    char dipole[80];
+    snprintf(dipole, sizeof dipole, "%s/dipole.prt", folder);
+    bake(mesh, PRT_TRANSPORT_JOINT, 256, false, NULL, holed);
+    for (unsigned i = 0; i < 3; i++) {
+        const struct prt_material m = medium(media[i]);
+        const struct prt_bake_options o = {.media = prt_media_one(&m),
+                                           .n_sample = 4000,
+                                           .cube = CUBE,
+                                           .no_single = true,
+                                           .unmeasured = true,
+                                           .seed = 1};
+        assert_int_equal(prt_bake(&context, mesh, &o, dipole), PRT_OK);
+        answer_fixed(dipole, want);
+        answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
+        expect_below(expect_name("open body, %s: difference from the dipole", media[i]),
+                     prt_relative_rmse(got[second], want[second], open), 0.03);
+    }
     free(got);
     free(want);
     prt_mesh_destroy(mesh);
@@ -301,6 +358,7 @@ int main(void)
         cmocka_unit_test(unscattered_is_without_g),
         cmocka_unit_test(no_jumps),
         cmocka_unit_test(holes_keep_the_dipole),
+        cmocka_unit_test(holes_beside_a_closed_body),
     };
     return run_physics_tests(tests, NULL, end);
 }
