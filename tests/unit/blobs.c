@@ -12,7 +12,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -20,6 +19,7 @@
 #include <cmocka.h>
 
 #include "core/options.h"
+#include "descriptors.h"
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "store/blob_index.h"
@@ -518,28 +518,6 @@ static void test_blobs_are_checked_before_first_use(void **state)
     close_store(&s);
 }
 
-// No descriptor can be opened any more; returns how many could be before.
-static rlim_t no_more_descriptors(void)
-{
-    struct rlimit limit;
-    int lowest = dup(0);
-    assert_true(lowest >= 0);
-    close(lowest);
-    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
-    rlim_t before = limit.rlim_cur;
-    limit.rlim_cur = (rlim_t)lowest;
-    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
-    return before;
-}
-
-static void descriptors_again(rlim_t n)
-{
-    struct rlimit limit;
-    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
-    limit.rlim_cur = n;
-    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
-}
-
 // A blob that cannot be read for lack of descriptors is not damaged: it stays, and is checked
 // when it is used next.
 static void test_check_without_descriptors(void **state)
@@ -549,7 +527,7 @@ static void test_check_without_descriptors(void **state)
     char hash[65], path[4096];
     put_whole(&s, "ann", 'g', 5000, hash);
     reopen_store(&s);
-    rlim_t before = no_more_descriptors();
+    rlim_t before = allow_descriptors(0);
     bool there = check(&s, hash);
     struct sent sent = put(&s, "ann", hash, 5000, 0, NULL, 0);
     descriptors_again(before);

@@ -7,12 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
 #include <cmocka.h>
+
+#include "descriptors.h"
 
 static char folder[] = "/tmp/import-list-XXXXXX";
 
@@ -29,28 +30,6 @@ static void put_text(const char *name, const char *text)
     assert_non_null(file);
     assert_true(fputs(text, file) >= 0);
     assert_int_equal(fclose(file), 0);
-}
-
-// At most n more descriptors; returns how many there could be before.
-static rlim_t leave_descriptors(unsigned n)
-{
-    struct rlimit limit;
-    int lowest = dup(0);
-    assert_true(lowest >= 0);
-    close(lowest);
-    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
-    rlim_t before = limit.rlim_cur;
-    limit.rlim_cur = (rlim_t)lowest + n;
-    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
-    return before;
-}
-
-static void descriptors_again(rlim_t n)
-{
-    struct rlimit limit;
-    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
-    limit.rlim_cur = n;
-    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
 }
 
 static void list_known(struct import_list *list, const char *name)
@@ -80,13 +59,13 @@ static void test_scan_without_descriptors(void **state)
     assert_false(list.known[0].stamp[0]);
     import_list_finish(&list);
     for (unsigned n = 0; n < 4; n++) { // the folder; a file or NAME; NAME/VERSION; model.json
-        rlim_t before = leave_descriptors(n);
+        rlim_t before = allow_descriptors(n);
         list_known(&list, "a.prt");
         descriptors_again(before);
         assert_false(list.readable);
         import_list_finish(&list);
     }
-    rlim_t before = leave_descriptors(4);
+    rlim_t before = allow_descriptors(4);
     list_known(&list, "a.prt");
     descriptors_again(before);
     assert_true(list.readable);
