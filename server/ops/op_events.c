@@ -6,6 +6,7 @@
 #include "net/dispatch.h"
 #include "net/request.h"
 #include "relight.pb-c.h"
+#include "store/models.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +22,7 @@ struct subscription {
     struct events_reader reader;
     struct loop_timer timer;
     uint64_t at; // of the last event that was sent or skipped
-    char model[40];
+    char model[MODEL_ID + 1];
     unsigned n_kind;
     int kind[MAX_KIND]; // none: all
 };
@@ -132,7 +133,8 @@ void op_subscribe(struct request *request)
             "%s", error);
         return;
     }
-    if (strlen(in->model) >= sizeof((struct subscription *)0)->model) {
+    if (in->model[0] &&
+        (strlen(in->model) != MODEL_ID || in->model[strspn(in->model, "0123456789abcdef")])) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                      "model: expected an id of 32 hex digits");
         return;

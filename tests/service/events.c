@@ -205,15 +205,15 @@ static void the_newest_state_of_each_model(void **state)
 static void a_filter_of_a_model(void **state)
 {
     begin(NULL);
-    char id[2][ID_SIZE], long_id[41];
+    char id[2][ID_SIZE], long_id[34];
     struct relight_error error;
     struct relight_client *client = client_open(d.address);
     load_preview(client, "1.5", id[0]);
     load_preview(client, "2.5", id[1]);
     struct frames *f = frames_open(&d);
     Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
-    memset(long_id, 'a', 40);
-    long_id[40] = 0;
+    memset(long_id, 'a', 33);
+    long_id[33] = 0;
     in.model = long_id;
     frames_add(f, RELIGHT_TYPE_SUBSCRIBE, 3, &in.base, NULL, 0);
     frames_send(f);

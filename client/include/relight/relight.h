@@ -340,7 +340,8 @@ struct relight_loaded {
  * load: the model as uploaded files or as a path below the daemon's models folder, its
  * scale, material and bake settings; nothing of it is kept.
  * Returns 0 and the model's id and state in *out, to be freed by relight_loaded_finish;
- * `job` is not empty while a bake waits or runs. -RELIGHT_E_NOT_FOUND: no such blob or path.
+ * `job` is not empty while a bake waits or runs. -RELIGHT_E_NOT_FOUND: no such blob.
+ * -RELIGHT_E_FORBIDDEN: no such path inside the models folder.
  * -RELIGHT_E_FORMAT: the model cannot be read. -RELIGHT_E_OUT_OF_RANGE: a setting, with its
  * range in the text. -RELIGHT_E_BUSY: too many bakes wait.
  * Thread-safety: Safe. Blocks until the model is open or the bake is queued, not until it is
