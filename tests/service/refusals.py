@@ -45,7 +45,32 @@ def edit(**action):
     return ('ROOM_EDIT', 'RoomEditRequest', {'room': ROOM, 'action': action})
 
 
-ROOM = ''  # set by check()
+ROOM = BLOB = ''  # set by check()
+
+DIPOLE = '"sigma_s_prime":[1,1,1],"sigma_a":[0.1,0.1,0.1]'
+CURVE = '{"profile":"curve","radius":%s,"rd":%s}'
+RGB = '[[0.1,0.1],[0.1,0.1],[0.1,0.1]]'
+MATERIALS = (
+    ('{%s,"g":0,"g":0}' % DIPOLE, '"g" is given twice'),
+    ('{%s,"g":1}' % DIPOLE, 'g'),
+    ('{%s,"g":[0,0]}' % DIPOLE, 'three numbers [r,g,b]'),
+    ('{%s,"eta":0.99}' % DIPOLE, 'eta'),
+    ('{%s,"name":"%s"}' % (DIPOLE, 'n' * 32), '"name" must be a text of at most 31 bytes'),
+    ('{%s,"density":1}' % DIPOLE, 'density'),
+    ('{"sigma_s_prime":[1,1,1]}', 'sigma_a'),
+    ('{"sigma_s_prime":[0,1,1],"sigma_a":[1,1,1]}', 'sigma_s_prime'),
+    ('{"sigma_s_prime":[1,1,1],"sigma_a":[1,-1,1]}', 'sigma_a'),
+    ('{%s' % DIPOLE, 'JSON'),
+    ('{"profile":"cubic"}', 'cubic'),
+    ('{"profile":"multipole","layers":[]}', 'layers, top first'),
+    (CURVE % ('[1]', '[[1],[1],[1]]'), 'a curve of 1 points, allowed range 2 to'),
+    (CURVE % ('[0,1]', '[[1,1],[1,1]]'), 'three lists, red, green, blue'),
+    (CURVE % ('[1,1]', RGB), 'radii ascend within'),
+    (CURVE % ('[0,100001]', RGB), 'radii ascend within'),
+    (CURVE % ('[0,1]', '[[0.1,0.1],[0.1,-0.1],[0.1,0.1]]'), 'R_d 1 is -0.1'),
+    ('{"profile":"burley","albedo":[1.1,0.5,0.5],"mean_free_path":[1,1,1]}', 'albedo'),
+    ('{"profile":"burley","albedo":[0.5,0.5,0.5],"mean_free_path":[0,1,1]}', 'mean_free_path'),
+)
 
 
 def rows():
@@ -64,6 +89,8 @@ def rows():
     yield (*shade(bump_mm=10001), 'OUT_OF_RANGE', 'shade.bump_mm')
     yield (*shade(materials=[{'object': 'x', 'material': '{'}]), 'OUT_OF_RANGE', 'material of "x": ')
     yield (*shade(material='granite'), 'OUT_OF_RANGE', 'granite')
+    for text, said in MATERIALS:
+        yield (*shade(material=text), 'OUT_OF_RANGE', said)
     yield (*shade(variant='v' * 64), 'OUT_OF_RANGE', 'more than 63 bytes')
     yield (*camera(name='a', orbit={}), 'BAD_REQUEST', 'set eye and target, or name, or orbit')
     yield (*camera(name='a', eye=EYE), 'BAD_REQUEST', 'set eye and target, or name, or orbit')
@@ -110,8 +137,6 @@ def rows():
     yield (*edit(reply={'target': 999, 'text': 'a'}), 'NOT_FOUND', '999')
 
 
-BLOB = ''
-
 
 def refusal(client, kind, name, fields):
     try:
@@ -137,7 +162,7 @@ def check():
             if error:
                 expect(error.code == code and text in error.text + error.hint,
                        '%s: wanted %s "%s", got %s "%s"; "%s"' % (what, code, text, error.code, error.text, error.hint))
-                ranged = ', allowed range ' in error.text and error.code == 'OUT_OF_RANGE'
+                ranged = ' is ' in error.text.partition(', allowed range ')[0] and ', allowed range ' in error.text
                 expect(not ranged or (error.parameter and error.minimum is not None), what + ': the range is no field')
 
 
