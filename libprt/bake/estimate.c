@@ -58,10 +58,6 @@ int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake
     return PRT_OK;
 }
 
-void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line)
-{
-}
-
 size_t prt_bake_rows_room(const struct prt_bake_options *options)
 {
     long pages = sysconf(_SC_AVPHYS_PAGES), page = sysconf(_SC_PAGESIZE);
@@ -358,7 +354,7 @@ static int estimate(const struct prt_context *ctx, const struct prt_mesh *mesh,
     if (status) return status;
     prt_bake_set_defaults(&b.o);
     if ((status = prt_bake_dipoles(&b))) return status;
-    quiet.log = prt_bake_drop_line;
+    quiet.log = prt_log_none;
     struct demand d = {.b = &b,
                        .spill = spill,
                        .vertices = mesh->n_vertex,

@@ -94,8 +94,6 @@ bool prt_bake_eta_nodes(const struct bake *b, enum prt_radial_family family,
                         struct prt_eta_nodes *out);
 /* Whether some medium scatters singly: one with an R_d of its own holds all its light. */
 bool prt_bake_any_single(const struct bake *b);
-/* A log that drops every line. */
-void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
 /* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.
  */
 struct tensor_job {

@@ -44,6 +44,10 @@ void prt_log(const struct prt_context *ctx, enum prt_log_level level, const char
     va_end(args);
 }
 
+void prt_log_none(void *user, enum prt_log_level level, const char *line)
+{
+}
+
 int prt_fail(const struct prt_context *ctx, int status, const char *fmt, ...)
 {
     va_list args;

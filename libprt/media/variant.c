@@ -107,17 +107,13 @@ static bool same_transport(const struct prt_material *a, const struct prt_materi
     return prt_material_hash(a) == prt_material_hash(&other);
 }
 
-static void drop_line(void *user, enum prt_log_level level, const char *line)
-{
-}
-
 // The medium that a block has in the variant, where it is its surface's own: *own holds it.
 static const struct prt_material *medium_of(const struct base *b, uint32_t baked,
                                             uint32_t wanted, const struct prt_material *medium,
                                             struct prt_material *own)
 {
     // its warnings were said when the model was loaded
-    static const struct prt_context quiet = {.log = drop_line};
+    static const struct prt_context quiet = {.log = prt_log_none};
     const double scale = (double)b->mesh->mm_per_unit;
     if (baked == wanted || !b->mesh->surface[wanted].translucent) return medium;
     // an opaque surface has no medium that the user could have chosen

@@ -22,7 +22,7 @@ static int read_one(const struct prt_context *ctx, const struct request *r,
     struct prt_import *item;
     const struct prt_import *chosen;
     unsigned n;
-    quiet.log = NULL;
+    quiet.log = prt_log_none;
     int status = prt_material_import(&quiet, r->path, r->file.bytes, r->file.size,
                                      r->mm_per_unit, &item, &n);
     if (status) // again, for its message
@@ -132,7 +132,7 @@ bool prt_material_is_foreign(const char *name_or_file)
     if (!split(name_or_file, &r)) return false;
     struct prt_context quiet;
     prt_context_init(&quiet);
-    quiet.log = NULL;
+    quiet.log = prt_log_none;
     if (r.name) return true;
     if (prt_read_file(&quiet, r.path, IMPORT_MAX_BYTES, &file)) return false;
     bool foreign = is_foreign(file.bytes, file.size);

@@ -75,7 +75,7 @@ static void imported(void *user, const char *json, int status, const char *error
     struct prt_material *m = json && request ? malloc(sizeof *m) : NULL;
     struct prt_context quiet;
     prt_context_init(&quiet);
-    quiet.log = NULL;
+    quiet.log = prt_log_none;
     if (request && !json) request_fail(request, error_of_status(status), "%s", error);
     else if (request && (!m || prt_material_parse(&quiet, "material", json, strlen(json), m)))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_INTERNAL, "the material is damaged");

@@ -207,7 +207,7 @@ static const char *check_copy(int fd, const char *copy, struct import_file *out)
     out->code = RELIGHT__ERROR_CODE__ERROR_BUSY;
     if (strcmp(after, out->stamp)) return "the file was written to while it was copied";
     prt_context_init(&ctx);
-    ctx.log = NULL;
+    ctx.log = prt_log_none;
     int status =
         prt_file_probe(copy) ? prt_file_open(&ctx, copy, PRT_FILE_CHECK_HEADERS, &file) : 0;
     prt_file_close(file);

@@ -95,6 +95,8 @@ void prt_context_init(struct prt_context *ctx);
  * Thread-safe if the callback is. */
 void prt_log(const struct prt_context *ctx, enum prt_log_level level, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
+/* A prt_log_fn that drops every line: for calls whose failure is no fault. */
+void prt_log_none(void *user, enum prt_log_level level, const char *line);
 /* Logs an error line and returns `status`, so that `return prt_fail(...)` reads well. */
 int prt_fail(const struct prt_context *ctx, int status, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
