@@ -706,7 +706,7 @@ static void test_keepalive(void **state)
         getsockname(fd, (struct sockaddr *)&a, &n);
         int port = port_of(i == TCP ? d.tcp : d.http);
         assert_int_equal(socket_timer(port, ntohs(a.sin_port), &hundredths), 2);
-        assert_in_range(hundredths, 1, 6100);
+        assert_true(hundredths <= 6100); // 0: it is due now
         close(fd);
     }
     assert_int_equal(daemon_stop(&d), 0);
