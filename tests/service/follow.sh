@@ -152,8 +152,8 @@ for option in --exposure=1 --tone=none --background=1,1,1 --rotate=20 --no-specu
     wrong 2 'camera and picture' --follow 'First review' $option -o x.png
 done
 wrong 2 'no --sheet' --follow 'First review' --sheet -o x.png
-wrong 2 'writes no .hdr' --follow 'First review' -o x.hdr
-wrong 2 'writes no .hdr' --follow 'First review' -o x.HDR
+wrong 2 'the daemon writes .jpg, .png, .exr' --follow 'First review' -o x.hdr
+wrong 2 'the daemon writes .jpg, .png, .exr' --follow 'First review' -o x.HDR
 wrong 2 'ID is missing' -o x.png
 wrong 2 'has to end in .png' nothing --env constant --env constant --difference -o x.png.jpg
 wrong 1 'nothing' nothing --env constant --env constant --difference -o X.PNG
