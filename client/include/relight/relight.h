@@ -783,7 +783,7 @@ struct relight_colors_request {
     bool exits;
 };
 enum {
-    RELIGHT_MOST_LAYERS = 4,
+    RELIGHT_MOST_LAYERS = 5, /* tensors of a bake (PRT_MOST_TENSORS) */
     RELIGHT_MOST_PHASES = 16,
     RELIGHT_EXIT_PLANES = 9,
     RELIGHT_MOST_RANK = 1 << 20
