@@ -78,6 +78,7 @@ static const struct number_row {
     {"sigma_a", offsetof(struct parameters, sigma_a), 3},
     {"sigma_s", offsetof(struct parameters, sigma_s), 3},
     {"reflectance", offsetof(struct parameters, reflectance), 3},
+    {"Kd", offsetof(struct parameters, reflectance), 3}, // of pbrt-v3's kdsubsurface
     {"mfp", offsetof(struct parameters, mfp), 3},
     {"g", offsetof(struct parameters, g), 1},
     {"eta", offsetof(struct parameters, eta), 1},
@@ -94,7 +95,7 @@ static void set_numbers(struct parameters *p, const char *name, const double *v,
             snprintf(p->unread, sizeof p->unread, "%s", name);
         else
             for (int c = 0; c < number_rows[i].n; c++) to[c] = v[n == 1 ? 0 : c];
-        p->has_reflectance |= !strcmp(name, "reflectance");
+        p->has_reflectance |= number_rows[i].field == offsetof(struct parameters, reflectance);
         return;
     }
 }
@@ -155,7 +156,7 @@ static void dense(const struct import_list *list, const struct parameters *p, do
                               .roughness = p->roughness};
     for (int c = 0; c < 3; c++) {
         s.subsurface_color[c] = p->reflectance[c];
-        s.free_path[c] = p->mfp[c] * unit;
+        s.free_path[c] = p->mfp[c] * p->scale * unit;
     }
     prt_import_shader(list, &s, item);
 }
@@ -211,6 +212,10 @@ static int directive(struct import_list *list, struct scan *s, const char *word)
                             word, name);
     if (!medium && strcmp(p.type, "subsurface") && strcmp(p.type, "kdsubsurface"))
         return PRT_OK; // an opaque material
+    if (!strcmp(p.type, "kdsubsurface") && !p.has_reflectance) {
+        p.has_reflectance = true;
+        p.reflectance[0] = p.reflectance[1] = p.reflectance[2] = 0.5; // of pbrt-v3
+    }
     struct prt_import *item = prt_import_add(list, name);
     if (!item) return PRT_LIMIT;
     snprintf(item->format, sizeof item->format, "pbrt %s", medium ? "medium" : "subsurface");

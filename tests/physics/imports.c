@@ -252,6 +252,32 @@ static void scale_of_a_pbrt_medium(void **state)
     }
 }
 
+// A surface of pbrt: its scale multiplies the mean free path, and leaves the albedo as it is;
+// pbrt-v3's kdsubsurface calls the albedo Kd.
+static void scale_of_a_pbrt_surface(void **state)
+{
+    static const char *const scaled[] = {
+        "Material \"subsurface\" \"rgb reflectance\" [.6 .4 .2] \"rgb mfp\" [1 .6 .4] "
+        "\"float scale\" 10",
+        "Material \"kdsubsurface\" \"color Kd\" [.6 .4 .2] \"color mfp\" [10 6 4]"};
+    static const char text[] =
+        "Material \"subsurface\" \"rgb reflectance\" [.6 .4 .2] \"rgb mfp\" [1 .6 .4]";
+    const struct prt_import plain = import(text, true);
+    for (int i = 0; i < 2; i++) {
+        const struct prt_import item = import(scaled[i], true);
+        for (int c = 0; c < 3; c++) {
+            expect_near("sigma_s' at ten times the mean free path, relative",
+                        10 * (double)item.material.sigma_s_prime[c] /
+                            (double)plain.material.sigma_s_prime[c],
+                        1, 1e-5);
+            expect_near("sigma_a at ten times the mean free path, relative",
+                        10 * (double)item.material.sigma_a[c] /
+                            (double)plain.material.sigma_a[c],
+                        1, 1e-5);
+        }
+    }
+}
+
 // What is lost is said, by name, of the material that is chosen.
 static void losses_are_said(void **state)
 {
@@ -463,6 +489,7 @@ int main(void)
         cmocka_unit_test(transmissive_interiors),
         cmocka_unit_test(units_scale_lengths),
         cmocka_unit_test(scale_of_a_pbrt_medium),
+        cmocka_unit_test(scale_of_a_pbrt_surface),
         cmocka_unit_test(losses_are_said),
         cmocka_unit_test(unknown_kinds_are_said),
         cmocka_unit_test(every_loss_is_named),
