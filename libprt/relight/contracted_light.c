@@ -4,12 +4,10 @@
 
 #include <string.h>
 
-enum { MOST_TENSORS = 4 };
-
 struct prt_contracted_light {
     const struct prt_transport *transport;
     size_t bytes;
-    float *b[MOST_TENSORS]; // results of prt_contract_light; NULL for tensors without bases
+    float *b[PRT_MOST_TENSORS]; // results of prt_contract_light; NULL for tensors without bases
 };
 
 size_t prt_contracted_light_floats(const struct prt_tensor *t)
@@ -65,7 +63,7 @@ int prt_contracted_light_create(const struct prt_context *ctx,
 
 void prt_contracted_light_destroy(struct prt_contracted_light *lit)
 {
-    for (int i = 0; lit && i < MOST_TENSORS; i++) prt_free(lit->b[i]);
+    for (int i = 0; lit && i < PRT_MOST_TENSORS; i++) prt_free(lit->b[i]);
     prt_free(lit);
 }
 

@@ -5,12 +5,11 @@
 
 #include <string.h>
 
-enum { MOST_TENSORS = 4 };
-
 struct prt_contracted_transport {
     struct prt_transport transport;
-    struct prt_rows rows[MOST_TENSORS]; // owned; n_row 0: this tensor uses the transport's rows
-    struct prt_media *media;            // owned
+    struct prt_rows
+        rows[PRT_MOST_TENSORS]; // owned; n_row 0: this tensor uses the transport's rows
+    struct prt_media *media;    // owned
     size_t bytes;
 };
 
@@ -97,7 +96,7 @@ int prt_contracted_transport_create(const struct prt_context *ctx,
 
 void prt_contracted_transport_destroy(struct prt_contracted_transport *fixed)
 {
-    for (int i = 0; fixed && i < MOST_TENSORS; i++) prt_rows_finish(&fixed->rows[i]);
+    for (int i = 0; fixed && i < PRT_MOST_TENSORS; i++) prt_rows_finish(&fixed->rows[i]);
     if (fixed) prt_free(fixed->media);
     prt_free(fixed);
 }

@@ -12,6 +12,7 @@
 
 #include "bake_parts.h"
 #include "bodies.h"
+#include "prt/reference.h"
 #include "prt/relight.h"
 
 // Four boxes, each a cluster of its own, over an opaque square.
@@ -86,8 +87,32 @@ static void fixed_light(void **state)
     prt_env_destroy(env);
 }
 
+// The file's answers with the light or the media contracted first are those of a query at once.
+static void contracted_first(const struct prt_transport *t, struct prt_query q,
+                             const float (*want)[3])
+{
+    const size_t n = 3 * (size_t)t->mesh.n_vertex;
+    struct prt_contracted_light *lit;
+    struct prt_contracted_transport *fixed;
+    float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
+    assert_int_equal(prt_contracted_light_create(&context, t, q.light, &lit), PRT_OK);
+    q.lit = lit;
+    assert_int_equal(prt_answer_colors(&context, t, &q, got), PRT_OK);
+    expect_below("relative RMSE of the light contracted first",
+                 prt_relative_rmse(got[0], want[0], n), 1e-6);
+    prt_contracted_light_destroy(lit);
+    q.lit = NULL;
+    assert_int_equal(prt_contracted_transport_create(&context, t, &t->media, &fixed), PRT_OK);
+    assert_int_equal(prt_answer_colors(&context, prt_contracted_transport_get(fixed), &q, got),
+                     PRT_OK);
+    expect_below("relative RMSE of the media contracted first",
+                 prt_relative_rmse(got[0], want[0], n), PRT_FIXED_ERROR);
+    prt_contracted_transport_destroy(fixed);
+    free(got);
+}
+
 // Contract of prt_bake: a joint bake by walks has the most tensors that a file can hold, with
-// planes of exit beside an opaque object; the file answers.
+// planes of exit beside an opaque object; the file answers, in every order of contraction.
 static void every_tensor_at_once(void **state)
 {
     struct prt_bake_options o = options(PRT_TRANSPORT_JOINT);
@@ -114,6 +139,7 @@ static void every_tensor_at_once(void **state)
             most = fmax(most, (double)color[v][c]);
         }
     expect_near("brightest vertex under radiance 1", most, 0.6, 0.5);
+    contracted_first(t, query, (const float(*)[3])color);
     free(color);
     prt_cube_finish(&light);
     prt_file_close(f);

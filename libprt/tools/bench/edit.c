@@ -10,15 +10,13 @@
 #include "prt/relight.h"
 #include "synthetic.h"
 
-enum { MOST_TENSORS = 4 };
-
 // A transport with a free material, its light and the result of contracting the light.
 struct edit {
     struct bench_env *env;
     unsigned n_tensor, n_plane;
-    const struct prt_tensor *tensor[MOST_TENSORS];
-    struct prt_radial *radial[MOST_TENSORS];
-    float *coef[MOST_TENSORS], *lit[MOST_TENSORS], *color;
+    const struct prt_tensor *tensor[PRT_MOST_TENSORS];
+    struct prt_radial *radial[PRT_MOST_TENSORS];
+    float *coef[PRT_MOST_TENSORS], *lit[PRT_MOST_TENSORS], *color;
     struct prt_material material;
     struct prt_cube cube;
     unsigned turn;
@@ -59,7 +57,7 @@ static int colours(struct edit *e)
     static const float factor[16][3] = {{.5f, .6f, .7f}, {.2f, .3f, .1f}, {.2f, .3f, .1f},
                                         {.2f, .3f, .1f}, {.1f, .1f, .1f}, {.1f, .1f, .1f},
                                         {.1f, .1f, .1f}, {.1f, .1f, .1f}, {.1f, .1f, .1f}};
-    struct prt_term_input part[MOST_TENSORS];
+    struct prt_term_input part[PRT_MOST_TENSORS];
     for (unsigned i = 0; i < e->n_tensor; i++) {
         const struct prt_tensor *t = e->tensor[i];
         const bool moves = full(t) || t->storage == PRT_STORAGE_RADIAL;
@@ -99,7 +97,7 @@ static int frame_once(void *arg)
 
 static void stop(struct edit *e)
 {
-    for (unsigned i = 0; i < MOST_TENSORS; i++) {
+    for (unsigned i = 0; i < PRT_MOST_TENSORS; i++) {
         if (e->own_bases) prt_radial_destroy(e->radial[i]);
         prt_free(e->coef[i]);
         prt_free(e->lit[i]);
@@ -182,7 +180,7 @@ static void describe(const struct edit *e)
 // Material to colours. The targets are those of issue 3: either will do.
 static int edit_figure(struct edit *e, const char *name, bool single)
 {
-    struct bench_span span[BENCH_SPANS * MOST_TENSORS];
+    struct bench_span span[BENCH_SPANS * PRT_MOST_TENSORS];
     struct bench_time all, fit;
     unsigned n_span = 0;
     double bytes = 0;
@@ -365,7 +363,7 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(f);
     for (int single = 0; single < 2 && !status; single++) {
-        const struct prt_tensor *tensors[MOST_TENSORS];
+        const struct prt_tensor *tensors[PRT_MOST_TENSORS];
         struct edit e = {0};
         unsigned n = 0, n_free = 0, n_single = 0;
         char name[64];
