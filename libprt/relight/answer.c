@@ -134,6 +134,20 @@ static uint32_t object_of(const struct prt_mesh *mesh, uint32_t vertex)
     return mesh->block[low].object;
 }
 
+int prt_cluster_objects(const struct prt_transport *transport, const struct prt_tensor *tensor,
+                        uint32_t **out)
+{
+    *out = NULL;
+    if (transport->mesh.n_object < 2) return PRT_OK;
+    uint32_t *object = prt_calloc(tensor->n_cluster + 1ull, sizeof *object);
+    for (uint32_t c = 0; object && c < tensor->n_cluster; c++)
+        if (tensor->cluster[c].n_vertex)
+            object[c] =
+                object_of(&transport->mesh, tensor->order[tensor->cluster[c].vertex_begin]);
+    *out = object;
+    return object ? PRT_OK : PRT_NOMEM;
+}
+
 int prt_cluster_media(const struct prt_transport *transport, const struct prt_tensor *tensor,
                       const struct prt_media *media, uint8_t **out)
 {

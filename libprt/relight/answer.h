@@ -16,6 +16,9 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
 // The basis comes from a cache of the process, see basis_cache.c. Thread-safe.
 int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *transport,
                    const struct prt_tensor *tensor, const struct prt_media *media, float *coef);
+// The object of each cluster; *out is NULL for one object. PRT_NOMEM.
+int prt_cluster_objects(const struct prt_transport *transport, const struct prt_tensor *tensor,
+                        uint32_t **out);
 // The number of each cluster's medium; *out is NULL for one medium. PRT_NOMEM.
 int prt_cluster_media(const struct prt_transport *transport, const struct prt_tensor *tensor,
                       const struct prt_media *media, uint8_t **out);
@@ -26,10 +29,11 @@ void prt_phase_plane_factor(const struct prt_material *material,
                             const struct prt_tensor *tensor, unsigned k, float factor[3]);
 // prt_rows_fold with separate coefficients for every medium and plane,
 // [medium][n_phase][n_radial][3]; medium: [n_cluster], NULL: 0. The smallest entries, which
-// together hold error^2 of the energy of all colours, are dropped.
+// together hold error^2 of the energy of all colours, are dropped, where every object counts
+// with the same mean energy a vertex. object: [n_cluster], NULL: there is one.
 int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                         const float *coef, const uint8_t *medium, double error,
-                         struct prt_rows *out);
+                         const float *coef, const uint8_t *medium, const uint32_t *object,
+                         double error, struct prt_rows *out);
 
 // prt_relight of one tensor of lit's transport under lit's light. coef is NULL unless the
 // tensor is FULL or RADIAL.

@@ -44,11 +44,15 @@ static int contract_tensor(const struct prt_context *ctx, const struct prt_trans
     struct prt_rows *rows = &fixed->rows[i];
     float *coef = prt_alloc(3ull * from->n_radial * from->n_phase * media->n, sizeof *coef);
     uint8_t *medium = NULL;
+    uint32_t *object = NULL;
     int status = coef ? prt_cluster_media(transport, from, media, &medium) : PRT_NOMEM;
+    if (!status) status = prt_cluster_objects(transport, from, &object);
     if (status) prt_fail(ctx, status, "no memory to apply a material");
     if (!status) status = plane_coefs(ctx, transport, from, media, coef);
-    if (!status) status = prt_rows_fold_planes(ctx, from, coef, medium, PRT_FIXED_ERROR, rows);
+    if (!status)
+        status = prt_rows_fold_planes(ctx, from, coef, medium, object, PRT_FIXED_ERROR, rows);
     prt_free(coef);
+    prt_free(object);
     prt_free(medium);
     if (status) return status;
     const uint64_t n = rows->begin[rows->n_row];

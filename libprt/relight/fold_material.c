@@ -5,6 +5,7 @@
 #include "answer.h"
 #include "kernels.h"
 
+#include <math.h>
 #include <string.h>
 
 struct fold_job {
@@ -140,8 +141,8 @@ int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor
 // ---- dropping small entries
 
 // The worth of an entry is its energy times the energy of its row's column of U: what the
-// colours lose without it. A histogram of worths finds the threshold; its bins are the leading
-// bits of a float, four bins an octave.
+// colours lose without it; times the weight of its object. A histogram of worths finds the
+// threshold; its bins are the leading bits of a float, four bins an octave.
 enum {
     BIN_SHIFT = 21,
     N_BIN = 1 << (32 - BIN_SHIFT),
@@ -151,6 +152,7 @@ enum {
 struct thin_job {
     const struct prt_rows *rows;
     const float *weight; // [n_row]
+    double *own;         // [n_row] energy of each row, or NULL
     size_t grain;        // rows a chunk
     double *bin;         // [CHUNKS][N_BIN] sums of entries' worths
     double *scaling;     // [CHUNKS] sums of scaling coefficients' worths
@@ -240,6 +242,68 @@ static void row_weights(const struct prt_tensor *t, float *weight)
     }
 }
 
+static int row_energies(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct thin_job *job = arg;
+    const struct prt_rows *rows = job->rows;
+    for (size_t row = begin; row < end; row++) {
+        double sum =
+            (double)energy_of(rows->scaling + row * 6 * rows->n_function, 6 * rows->n_function);
+        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
+            sum += (double)energy_of((const uint16_t *)rows->entry + e * rows->n_function,
+                                     rows->n_function);
+        job->own[row] = (double)job->weight[row] * sum;
+    }
+    return PRT_OK;
+}
+
+// An object of less than this part of the mean energy a vertex counts as one of it: as where a
+// bake is packed.
+static const double least_part = 1e-4;
+
+// Weights that give every object the mean energy a vertex, from the rows' energies, into the
+// rows' weights. object [n_cluster]; sum [n_object + 1][2]: energy and vertices, the last of
+// all.
+static void weigh_objects(const struct prt_tensor *t, const uint32_t *object, uint32_t n_object,
+                          const double *own, double (*sum)[2], float *weight)
+{
+    for (uint32_t c = 0; c < t->n_cluster; c++) {
+        const struct prt_cluster *k = &t->cluster[c];
+        const uint32_t at[2] = {object[c], n_object};
+        for (int i = 0; i < 2 && k->rank; i++) {
+            for (uint32_t r = 0; r < k->rank; r++) sum[at[i]][0] += own[k->row_begin + r];
+            sum[at[i]][1] += k->n_vertex;
+        }
+    }
+    const double mean = sum[n_object][0] / fmax(sum[n_object][1], 1);
+    for (uint32_t c = 0; c < t->n_cluster; c++) {
+        const struct prt_cluster *k = &t->cluster[c];
+        const double one = sum[object[c]][0] / fmax(sum[object[c]][1], 1);
+        const double factor = one > 0 ? mean / fmax(one, least_part * mean) : 1;
+        for (uint32_t r = 0; r < k->rank; r++) weight[k->row_begin + r] *= (float)factor;
+    }
+}
+
+static int weigh_rows(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      const uint32_t *object, struct thin_job *job, float *weight)
+{
+    const uint32_t n_row = job->rows->n_row;
+    uint32_t n_object = 0;
+    row_weights(tensor, weight);
+    for (uint32_t c = 0; object && c < tensor->n_cluster; c++)
+        n_object = object[c] >= n_object ? object[c] + 1 : n_object;
+    if (n_object < 2) return PRT_OK;
+    double(*sum)[2] = prt_calloc(n_object + 1ull, sizeof *sum);
+    job->own = prt_alloc(n_row, sizeof *job->own);
+    int status = sum && job->own ? PRT_OK : PRT_NOMEM;
+    if (!status) status = prt_parallel_for(ctx, NULL, n_row, job->grain, row_energies, job);
+    if (!status) weigh_objects(tensor, object, n_object, job->own, sum, weight);
+    prt_free(sum);
+    prt_free(job->own);
+    job->own = NULL;
+    return status;
+}
+
 // Closes the gaps between the entries that are kept, in place.
 static void compact(struct prt_rows *rows, const struct thin_job *job)
 {
@@ -271,8 +335,8 @@ static void *shorter(void *p, size_t bytes)
 }
 
 // Drops from freshly folded rows the entries that together hold error^2 of all energy.
-static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, double error,
-                struct prt_rows *rows)
+static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                const uint32_t *object, double error, struct prt_rows *rows)
 {
     float *weight = prt_calloc(rows->n_row, sizeof *weight);
     struct thin_job job = {.rows = rows,
@@ -282,10 +346,9 @@ static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, 
                            .scaling = prt_calloc(CHUNKS, sizeof *job.scaling),
                            .keep = prt_alloc(rows->begin[rows->n_row] + 1, 1)};
     int status = weight && job.bin && job.scaling && job.keep ? PRT_OK : PRT_NOMEM;
-    if (!status) {
-        row_weights(tensor, weight);
+    if (!status) status = weigh_rows(ctx, tensor, object, &job, weight);
+    if (!status)
         status = prt_parallel_for(ctx, NULL, rows->n_row, job.grain, count_worth, &job);
-    }
     if (!status) {
         find_threshold(&job, error * error);
         status = prt_parallel_for(ctx, NULL, rows->n_row, job.grain, mark, &job);
@@ -313,14 +376,14 @@ static uint8_t *row_media(const struct prt_tensor *t, const uint8_t *medium)
 }
 
 int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                         const float *coef, const uint8_t *medium, double error,
-                         struct prt_rows *out)
+                         const float *coef, const uint8_t *medium, const uint32_t *object,
+                         double error, struct prt_rows *out)
 {
     uint8_t *of_row = medium ? row_media(tensor, medium) : NULL;
     if (medium && !of_row) return prt_fail(ctx, PRT_NOMEM, "no memory to fold a material");
     int status = fold_all(ctx, tensor, coef, 3 * (size_t)tensor->n_radial, of_row, out);
     prt_free(of_row);
-    if (status || !(status = thin(ctx, tensor, error, out))) return status;
+    if (status || !(status = thin(ctx, tensor, object, error, out))) return status;
     prt_rows_finish(out);
     return prt_fail(ctx, status, "no memory to fold a material");
 }

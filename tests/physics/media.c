@@ -280,6 +280,37 @@ static void an_edit_of_one_object_keeps_the_other(void **state)
     free(plain), free(other);
 }
 
+// Law: what is dropped where media are contracted first is a share of every object's own light
+// (METHODS §5, two orders of contraction): of one that is far darker than its neighbour, too.
+static void contraction_keeps_a_dark_object(void **state)
+{
+    struct prt_material pair[BALLS] = {material[0], material[1]};
+    for (int c = 0; c < 3; c++) {
+        pair[0].sigma_s_prime[c] = 5, pair[0].sigma_a[c] = 0;
+        pair[1].sigma_s_prime[c] = 0.5f, pair[1].sigma_a[c] = 1.5f;
+    }
+    const struct prt_media media = {BALLS, pair, own};
+    const struct prt_transport *t = prt_file_transport(together[2]);
+    struct prt_contracted_transport *fixed;
+    assert_int_equal(prt_contracted_transport_create(&context, t, &media, &fixed), PRT_OK);
+    static const enum prt_answer_term terms[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
+    for (int i = 0; i < 2; i++) {
+        float(*plain)[3] = ask(together[2], media, terms[i], NULL);
+        float(*first)[3] = calloc(mesh->n_vertex, sizeof *first);
+        const struct prt_query q = {.term = terms[i], .light = &light};
+        assert_int_equal(
+            prt_answer_colors(&context, prt_contracted_transport_get(fixed), &q, first),
+            PRT_OK);
+        for (int k = 0; k < BALLS; k++)
+            expect_below(expect_name("%s: relative RMSE of ball %d, media contracted first",
+                                     i ? "single" : "multiple", k),
+                         error_on(k, (const float(*)[3])first, (const float(*)[3])plain),
+                         PRT_FIXED_ERROR);
+        free(plain), free(first);
+    }
+    prt_contracted_transport_destroy(fixed);
+}
+
 // A medium of another eta than its object's bake is refused; so is one for all, here.
 static void eta_belongs_to_the_object(void **state)
 {
@@ -395,6 +426,7 @@ int main(void)
         cmocka_unit_test(dark_object_keeps_its_error),
         cmocka_unit_test(several_eta_agree_with_the_reference),
         cmocka_unit_test(an_edit_of_one_object_keeps_the_other),
+        cmocka_unit_test(contraction_keeps_a_dark_object),
         cmocka_unit_test(eta_belongs_to_the_object),
         cmocka_unit_test(an_opaque_body_inside_stops_rays),
     };

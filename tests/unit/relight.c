@@ -264,8 +264,9 @@ static void the_least_entries_go(void **state)
         struct prt_tensor t;
         struct prt_rows whole, some;
         assert_int_equal(synthetic_tensor(&o, &t), 0);
-        assert_int_equal(prt_rows_fold_planes(&ctx, &t, some_coef(), NULL, 0, &whole), 0);
-        assert_int_equal(prt_rows_fold_planes(&ctx, &t, some_coef(), NULL, error, &some), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, some_coef(), NULL, NULL, 0, &whole), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, some_coef(), NULL, NULL, error, &some),
+                         0);
         const uint64_t n = whole.begin[whole.n_row], J = whole.n_function;
         double *worth = malloc(sizeof *worth * (n + 1)), gone = 0, next = 0;
         double all = worths(&t, &whole, worth), least = INFINITY, most = 0;
@@ -316,8 +317,8 @@ static void dropped_entries_hold_little(void **state)
         float *coef = malloc(sizeof *coef * 3 * t.n_radial * t.n_phase);
         for (uint32_t k = 0; k < t.n_phase; k++)
             memcpy(coef + 3ull * t.n_radial * k, some_coef(), 12ull * t.n_radial);
-        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, NULL, 0, &whole), 0);
-        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, NULL, error, &some), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, NULL, NULL, 0, &whole), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, NULL, NULL, error, &some), 0);
         assert_true(some.begin[some.n_row] < whole.begin[whole.n_row]);
         double lost = 1 - energy_of(&t, &some) / energy_of(&t, &whole);
         print_message("dropped %.4f of the energy, allowed %.4f\n", lost, error * error);
