@@ -149,26 +149,55 @@ static int grey_fit(const struct prt_radial *radial, double eta, double sigma_s_
     return status;
 }
 
-// The response to constant irradiance divided by rho_d: the mean over vertices of the integral
-// of R_d over the body. It is a few percent where light travels further than the body's size;
-// the training divides by it, so that errors stay small relative to the response.
+static uint32_t translucent_vertices(const struct prt_mesh *mesh)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < mesh->n_block; i++)
+        if (mesh->surface[mesh->block[i].surface].translucent) n += mesh->block[i].n_vertex;
+    return n;
+}
+
+// Adds the response of vertex v, which `object` owns, by every step-th of its samples.
+static void add_response(const struct bake *b, const struct prt_diffusion *d, uint32_t v,
+                         uint32_t object, uint32_t step, double *sum)
+{
+    enum { FEWEST = 64 }; // samples of an object, where it has them
+    const struct prt_surface_points *s = b->surface;
+    const uint32_t begin = s->object_begin[object], n = s->object_begin[object + 1] - begin;
+    if (n / step < FEWEST) step = n / FEWEST + 1;
+    for (uint32_t i = begin + step / 2; i < begin + n; i += step) {
+        double r2 = 0;
+        for (int k = 0; k < 3; k++)
+            r2 += pow((double)b->mesh->position[v][k] - (double)s->position[i][k], 2);
+        *sum += step * (double)s->area[i] * prt_diffusion_rd(d, sqrt(r2));
+    }
+}
+
+// The response to constant irradiance divided by rho_d: the mean over translucent vertices of
+// the integral of R_d over their objects. It is a few percent where light travels further than
+// the body's size; the training divides by it, so that errors stay small relative to the
+// response.
 static double share_on_body(const struct bake *b, const struct prt_diffusion *d)
 {
     enum { SAMPLES = 4096, VERTICES = 64 };
     const struct prt_surface_points *s = b->surface;
     const struct prt_mesh *mesh = b->mesh;
-    uint32_t step = s->n_sample / SAMPLES + 1, stride = mesh->n_vertex / VERTICES + 1, n = 0;
+    const uint32_t step = s->n_sample / SAMPLES + 1;
+    const uint32_t stride = translucent_vertices(mesh) / VERTICES + 1;
     double coarse = (double)s->spacing * sqrt(step), sum = 0;
+    uint32_t n = 0, at = 0;
     if (d->z_r < 4 * coarse)
         return 1; // R_d ends within the body, and few samples do not resolve it
-    for (uint32_t v = 0; v < mesh->n_vertex; v += stride, n++)
-        for (uint32_t i = step / 2; i < s->n_sample; i += step) {
-            double r2 = 0;
-            for (int k = 0; k < 3; k++)
-                r2 += pow((double)mesh->position[v][k] - (double)s->position[i][k], 2);
-            sum += step * (double)s->area[i] * prt_diffusion_rd(d, sqrt(r2));
+    for (uint32_t i = 0; i < mesh->n_block; i++) {
+        const struct prt_block *block = &mesh->block[i];
+        if (!mesh->surface[block->surface].translucent) continue;
+        for (uint32_t v = 0; v < block->n_vertex; v++) {
+            if (at++ % stride) continue;
+            add_response(b, d, block->vertex_begin + v, block->object, step, &sum);
+            n++;
         }
-    return fmin(1, sum / (n * d->rho_d));
+    }
+    return fmin(1, sum / (fmax(n, 1) * d->rho_d));
 }
 
 static const double absorber_share = 1.4; // weight of the strongest absorbers in the training

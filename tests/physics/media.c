@@ -311,6 +311,55 @@ static void contraction_keeps_a_dark_object(void **state)
     prt_contracted_transport_destroy(fixed);
 }
 
+// Multiple scattering of a file in a medium; NULL: its own.
+static void answer_multiple(const char *path, const struct prt_material *m, float (*out)[3])
+{
+    struct prt_file *f = open_prt(path);
+    struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
+    if (m) q.media = prt_media_one(m);
+    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, out), PRT_OK);
+    prt_file_close(f);
+}
+
+// Law: the error of a joint bake beside an opaque body is that without it (METHODS §5): the
+// media that U serves are weighed by what they return on the translucent body.
+static void an_opaque_body_leaves_the_training(void **state)
+{
+    static const float grey[3] = {0.5f, 0.5f, 0.5f};
+    double error[2];
+    for (int with = 0; with < 2; with++) {
+        struct model m;
+        model_init(&m, 6000, 12000);
+        add_sphere(&m, (float[3]){0, 0, 0}, 8, 12);
+        const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
+        if (with) add_floor(&m, 40, -100, 60);
+        struct prt_mesh *ball = body_mesh(&context, &m, true);
+        if (with) split_opaque(ball, n_vertex, n_triangle, grey);
+        struct prt_bake_options o = {.engine = PRT_TRANSPORT_JOINT,
+                                     .media = prt_media_one(&material[1]),
+                                     .n_sample = 4000,
+                                     .cube = 16,
+                                     .no_single = true,
+                                     .unmeasured = true,
+                                     .seed = 1};
+        float(*got)[3] = calloc(ball->n_vertex, sizeof *got);
+        float(*want)[3] = calloc(ball->n_vertex, sizeof *want);
+        assert_int_equal(prt_bake(&context, ball, &o, file("free", with)), PRT_OK);
+        o.engine = PRT_TRANSPORT_WAVELET;
+        o.rank = 150; // all that can matter
+        o.n_basis_coef = 6 * 16 * 16;
+        assert_int_equal(prt_bake(&context, ball, &o, file("fixed", with)), PRT_OK);
+        answer_multiple(file("free", with), &material[1], got);
+        answer_multiple(file("fixed", with), NULL, want);
+        error[with] = prt_relative_rmse(got[0], want[0], 3 * (size_t)n_vertex);
+        free(got), free(want);
+        prt_mesh_destroy(ball);
+    }
+    print_message("joint bake alone %.3f %%, beside an opaque body %.3f %%\n", 100 * error[0],
+                  100 * error[1]);
+    expect_below("error beside an opaque body, of that alone", error[1] / error[0], 1.5);
+}
+
 // A medium of another eta than its object's bake is refused; so is one for all, here.
 static void eta_belongs_to_the_object(void **state)
 {
@@ -427,6 +476,7 @@ int main(void)
         cmocka_unit_test(several_eta_agree_with_the_reference),
         cmocka_unit_test(an_edit_of_one_object_keeps_the_other),
         cmocka_unit_test(contraction_keeps_a_dark_object),
+        cmocka_unit_test(an_opaque_body_leaves_the_training),
         cmocka_unit_test(eta_belongs_to_the_object),
         cmocka_unit_test(an_opaque_body_inside_stops_rays),
     };
