@@ -405,14 +405,15 @@ static int examine(struct bake *b, char **errors)
     bool fixed = b->o.engine == PRT_TRANSPORT_POLYNOMIAL;
     int status =
         fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own) : PRT_OK;
-    const struct measure_options options = {.own = fixed ? &own : NULL,
-                                            .n_vertex = examined_vertices,
-                                            .least_samples =
-                                                b->o.draft ? b->o.n_sample : reference_samples,
-                                            .seed = b->o.seed,
-                                            .draft = b->o.draft,
-                                            .n_walk = reference_walks(b),
-                                            .noise = prt_walks_noise(b)};
+    const struct measure_options options = {
+        .own = fixed ? &own : NULL,
+        .n_vertex = examined_vertices,
+        .least_samples = b->o.draft ? b->o.n_sample : reference_samples,
+        .seed = b->o.seed,
+        .draft = b->o.draft,
+        .n_walk = reference_walks(b),
+        .walked = b->walk ? b->walk->walked : prt_draft_walks_objects(b->draft_walks),
+        .noise = prt_walks_noise(b)};
     if (status == PRT_OK) status = prt_measure_bake(b->ctx, &b->out, &options, errors);
     prt_cube_finish(&own);
     return status;

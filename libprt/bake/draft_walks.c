@@ -19,7 +19,7 @@ static const float least_sigma_s = 1e-5f;
 struct draft_walks {
     struct support *support;
     float (*exitance)[3]; // [support->n] by walks of two scatterings or more, smoothed
-    bool *walked;         // [n_object]
+    uint8_t *walked;      // [n_object]
 };
 
 struct start_job {
@@ -67,7 +67,7 @@ static int walk_range(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 // Objects that enclose a volume and whose walks stay inside.
-static void find_walked(const struct start_job *job, bool *walked)
+static void find_walked(const struct start_job *job, uint8_t *walked)
 {
     const struct bake *b = job->b;
     for (uint32_t o = 0; o < b->mesh->n_object; o++) {
@@ -155,6 +155,11 @@ void prt_draft_walks_destroy(struct draft_walks *w)
     prt_free(w->exitance);
     prt_free(w->walked);
     free(w);
+}
+
+const uint8_t *prt_draft_walks_objects(const struct draft_walks *w)
+{
+    return w ? w->walked : NULL;
 }
 
 int prt_draft_walks_scale(const struct bake *b, uint32_t c, struct cut *cut)

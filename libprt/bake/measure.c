@@ -72,6 +72,26 @@ static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t 
     return found;
 }
 
+// Moves the vertices of objects that are walked to the front; *n_walked gets their number.
+// PRT_NOMEM.
+static int sort_walked(const struct prt_mesh *mesh, const uint8_t *walked, uint32_t n,
+                       uint32_t *vertex, uint32_t *n_walked)
+{
+    *n_walked = n;
+    if (!walked) return PRT_OK;
+    uint32_t *block = prt_mesh_vertex_blocks(mesh), *rest = prt_alloc(n + 1u, sizeof *rest);
+    uint32_t front = 0, back = 0;
+    for (uint32_t i = 0; block && rest && i < n; i++)
+        if (walked[mesh->block[block[vertex[i]]].object]) vertex[front++] = vertex[i];
+        else rest[back++] = vertex[i];
+    if (block && rest) memcpy(vertex + front, rest, back * sizeof *rest);
+    const int status = block && rest ? PRT_OK : PRT_NOMEM;
+    *n_walked = front;
+    prt_free(block);
+    prt_free(rest);
+    return status;
+}
+
 // The bake's own media and, where the material is free, media that are not in the training,
 // each for all objects.
 enum { MEDIA = 4 };
@@ -81,7 +101,7 @@ struct examination {
     const struct prt_context *ctx;
     const struct prt_transport *transport;
     const struct measure_options *o;
-    uint32_t n, *vertex;
+    uint32_t n, *vertex, n_walked; // the first n_walked vertices' references may be by walks
     float (*all)[3], (*got)[3];
     float *divisor; // [n] of the exit at each vertex
     // By medium, then light. Two references of walks differ in their noise alone, so that the
@@ -181,6 +201,28 @@ static int compare(struct examination *e, const struct prt_query *query, unsigne
     return PRT_OK;
 }
 
+// A reference at the vertices that were drawn, out [n_medium * n_light]: by the options' walks,
+// where there are some, of the first n_walked, by the dipole of the others.
+static int take_reference(const struct examination *e, const struct prt_context *ctx,
+                          unsigned n_light, const struct prt_cube *const light[],
+                          const struct prt_reference_options *options, float (*const out[])[3])
+{
+    const struct prt_mesh *mesh = &e->transport->mesh;
+    const bool apart = options->n_walk && e->n_walked < e->n;
+    float(*rest[MEDIA * MEASURE_LIGHTS])[3];
+    struct prt_reference_options o = *options;
+    int status = PRT_OK;
+    if (apart) o.n_vertex = e->n_walked;
+    if (o.n_vertex)
+        status = prt_reference_many(ctx, mesh, e->n_medium, e->media, n_light, light, &o, out);
+    if (status || !apart) return status;
+    for (unsigned i = 0; i < e->n_medium * n_light; i++) rest[i] = out[i] + e->n_walked;
+    o.vertex = options->vertex + e->n_walked;
+    o.n_vertex = e->n - e->n_walked;
+    o.n_walk = 0;
+    return prt_reference_many(ctx, mesh, e->n_medium, e->media, n_light, light, &o, rest);
+}
+
 // Every medium under every light, without a view, or towards an eye [mm]; error [n_light]: of
 // the bake's own medium. One call of the reference, whose kernels serve all lights.
 static int examine(struct examination *e, enum prt_term term, unsigned n_light,
@@ -190,7 +232,6 @@ static int examine(struct examination *e, enum prt_term term, unsigned n_light,
         PRT_REFERENCE_MULTIPLE, PRT_REFERENCE_SINGLE, PRT_REFERENCE_UNSCATTERED};
     static const enum prt_answer_term answered[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE,
                                                     PRT_ANSWER_UNSCATTERED};
-    const struct prt_transport *t = e->transport;
     const bool walks = term != PRT_TERM_SINGLE && e->o->n_walk;
     // A draft has no unscattered light: the noise of one reference of it adds little.
     const bool twice = walks && !(e->o->draft && term == PRT_TERM_UNSCATTERED);
@@ -206,12 +247,10 @@ static int examine(struct examination *e, enum prt_term term, unsigned n_light,
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
-    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, n_light, light,
-                                    &options, e->want[0]);
+    int status = take_reference(e, &quiet, n_light, light, &options, e->want[0]);
     options.seed = 177;
     if (status == PRT_OK && twice)
-        status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, n_light, light,
-                                    &options, e->want[1]);
+        status = take_reference(e, &quiet, n_light, light, &options, e->want[1]);
     for (unsigned i = 0; status == PRT_OK && !twice && i < e->n_medium * n_light; i++)
         memcpy(e->want[1][i], e->want[0][i], (size_t)e->n * sizeof *e->want[1][i]);
     for (unsigned i = 0; status == PRT_OK && i < e->n_medium * n_light; i++) {
@@ -570,6 +609,8 @@ int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *
     }
     if (status == PRT_OK)
         e.n = draw_vertices(&transport->mesh, n_vertex, options->seed, e.vertex);
+    if (status == PRT_OK)
+        status = sort_walked(&transport->mesh, options->walked, e.n, e.vertex, &e.n_walked);
     if (status == PRT_OK) status = find_divisors(&e);
     if (status == PRT_OK) status = measure_terms(&e, errors);
     prt_free(e.divisor);

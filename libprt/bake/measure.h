@@ -17,7 +17,9 @@ struct measure_options {
     uint64_t seed;
     uint32_t n_walk; /* walks a vertex and channel of each of two references, whose noise is
                       * taken out of the errors; 0: the dipole */
-    double noise;    /* recorded beside the errors of walks */
+    const uint8_t *walked; /* [n_object] with n_walk, 0: this object's references are by the
+                            * dipole, as the bake is; NULL: all are walked */
+    double noise;          /* recorded beside the errors of walks */
     bool draft; /* also "total", the error of multiple scattering alone against the sum with
                  * single scattering, of the own material */
 };

@@ -262,6 +262,37 @@ static void holes_beside_a_closed_body(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: the errors in a file are those of the bake's own scattering: of a body with holes, which
+// keeps the dipole, against the dipole (METHODS §9, errors). Walks in it lose most of the
+// light.
+static void holes_are_measured_with_the_dipole(void **state)
+{
+    uint32_t second;
+    double sky = NAN;
+    struct prt_mesh *mesh = closed_and_open(&second);
+    struct prt_context quiet = context;
+    struct prt_file *f;
+    const struct prt_material m = medium("skin1");
+    const struct prt_bake_options o = {.media = prt_media_one(&m),
+                                       .scattering = PRT_SCATTERING_WALK,
+                                       .n_walk = 64,
+                                       .n_sample = 4000,
+                                       .cube = CUBE,
+                                       .draft = true, // measured against few samples
+                                       .no_single = true,
+                                       .seed = 1};
+    quiet.log = ignore_log;
+    assert_int_equal(prt_bake(&quiet, mesh, &o, holed), PRT_OK);
+    assert_int_equal(prt_file_open(&context, holed, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    const char *errors = prt_file_transport(f)->errors;
+    const char *multiple = strstr(errors, "\"multiple\":{\"sky\":");
+    assert_non_null(multiple);
+    assert_int_equal(sscanf(multiple, "\"multiple\":{\"sky\":%lf", &sky), 1);
+    expect_below("measured error beside an open body, under the sky", sky, 0.085);
+    prt_file_close(f);
+    prt_mesh_destroy(mesh);
+}
+
 // Law: the grid's interpolation reproduces the answers of its own media, and misplaces little
 // of the light of the measured ones (METHODS §9, free media).
 static void grid_holds_media(void **state)
@@ -359,6 +390,7 @@ int main(void)
         cmocka_unit_test(no_jumps),
         cmocka_unit_test(holes_keep_the_dipole),
         cmocka_unit_test(holes_beside_a_closed_body),
+        cmocka_unit_test(holes_are_measured_with_the_dipole),
     };
     return run_physics_tests(tests, NULL, end);
 }
