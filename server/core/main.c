@@ -134,6 +134,11 @@ static void run_maintenance(struct loop_timer *timer)
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
 
+static void make_room_for_blob(void *user, const char *owner)
+{
+    if (server.models) evict_for_room(&server, NULL, owner);
+}
+
 static int make_folder(const char *name)
 {
     char path[4096];
@@ -178,6 +183,7 @@ static int open_data(void)
                                 .objects = server.objects,
                                 .holds = server.holds,
                                 .work = server.work,
+                                .make_room = make_room_for_blob,
                                 .keep_s = 600,
                                 .idle_s = 600,
                                 .wanted_s = 60};

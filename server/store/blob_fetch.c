@@ -39,13 +39,37 @@ static int run_fetch(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
+static bool is_full(const struct ledger *ledger)
+{
+    uint64_t most = ledger_limit_all(ledger, LEDGER_DISK);
+    return most && ledger_total(ledger, LEDGER_DISK) > most;
+}
+
+// The limit of all holds for what comes from other replicas, too: others go first, as for an
+// upload of its owner. If they are not enough, it is not kept.
+static int make_room(struct blobs *blobs, const char *hash)
+{
+    const struct ledger *ledger = blobs->setup.ledger;
+    struct blob *b = blob_find(blobs, hash);
+    char owner[sizeof b->owner->name];
+    snprintf(owner, sizeof owner, "%s", b->owner->name);
+    while (is_full(ledger) && blob_evict_for(blobs, owner, 0)) continue;
+    if (is_full(ledger) && blobs->setup.make_room)
+        blobs->setup.make_room(blobs->setup.user, owner);
+    if (!is_full(ledger)) return 0;
+    if ((b = blob_find(blobs, hash))) blob_remove(blobs, b);
+    return -ENOSPC;
+}
+
 static void fetched(struct work *work)
 {
     struct blob_fetch *f = (struct blob_fetch *)work, **at = &f->blobs->fetches;
     while (*at != f) at = &(*at)->next;
     *at = f->next;
-    if (!f->err && !blob_find(f->blobs, f->hash))
+    if (!f->err && !blob_find(f->blobs, f->hash)) {
         f->err = blob_adopt(f->blobs, f->hash, f->size);
+        if (!f->err) f->err = make_room(f->blobs, f->hash);
+    }
     if (f->err && f->err != -ENOENT)
         log_line(LOG_WARN, "blob hash=%.12s cannot be fetched from --store: %s", f->hash,
                  f->err == -EBADMSG ? "its bytes are damaged there" : strerror(-f->err));

@@ -27,9 +27,13 @@ struct blobs_setup {
     struct object_store *objects; /* what replicas share: must outlive it; NULL: nothing */
     struct holds *holds;          /* what rooms need; NULL: nothing */
     struct work_pool *work;       /* nothing of the store may be under way when it is closed */
-    double keep_s;                /* a blob that was used so recently is not evicted */
-    double idle_s;                /* an upload that got no byte for so long is dropped */
-    double wanted_s;              /* the same while another upload needs its room */
+    /* Removes files that are no blobs while the disk is above its limit, for a blob of this
+     * owner that was fetched; NULL: there are none. */
+    void (*make_room)(void *user, const char *owner);
+    void *user;      /* of make_room */
+    double keep_s;   /* a blob that was used so recently is not evicted */
+    double idle_s;   /* an upload that got no byte for so long is dropped */
+    double wanted_s; /* the same while another upload needs its room */
 };
 /* Reads the folder: blobs, and uploads that a restart interrupted. 0 or -errno. */
 int blobs_open(const struct blobs_setup *setup, struct blobs **out);

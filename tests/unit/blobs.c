@@ -133,7 +133,7 @@ static void reopen_store(struct store *s)
 static void remove_files(void)
 {
     char command[160];
-    snprintf(command, sizeof command, "rm -rf %s/blobs", folder);
+    snprintf(command, sizeof command, "cd %s && rm -rf blobs shared of-another*", folder);
     assert_int_equal(system(command), 0);
 }
 
@@ -825,6 +825,68 @@ static void test_use_before_a_fetch_is_kept(void **state)
     close_store(&s);
 }
 
+static void fetch(struct store *s, const char *hash)
+{
+    struct waiter w = {.waiter.wake = woken};
+    blobs_fetch(s->blobs, hash, &w.waiter);
+    while (!w.woken) loop_turn(s->loop, 10);
+    assert_true(disk_bytes(s->ledger) <= s->options.disk);
+}
+
+// An upload of ann's that another replica took: it is in the shared folder alone.
+static void share_blob(struct store *s, char letter, char hash[65])
+{
+    char bytes[12288], path[128];
+    memset(bytes, letter, sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    snprintf(path, sizeof path, "%s/of-another", folder);
+    int fd = open(path, O_CREAT | O_TRUNC | O_WRONLY, 0600);
+    assert_int_equal(write(fd, bytes, sizeof bytes), sizeof bytes);
+    close(fd);
+    assert_int_equal(disk_owner_write(path, "ann"), 0);
+    assert_int_equal(object_put(s->setup.objects, OBJECT_BLOB, hash, path), 0);
+    strcat(path, ".owner");
+    assert_int_equal(object_put(s->setup.objects, OBJECT_OWNER, hash, path), 0);
+}
+
+static unsigned n_made_room;
+
+static void make_room(void *user, const char *owner)
+{
+    assert_string_equal(owner, "ann");
+    n_made_room++;
+}
+
+// What is fetched from the folder of all replicas stays within --disk: others go for it, and
+// where none may go it is not kept.
+static void test_fetches_stay_within_the_disk(void **state)
+{
+    struct store s;
+    char shared[128], hash[4][65], error[256];
+    new_store(&s);
+    snprintf(shared, sizeof shared, "%s/shared", folder);
+    assert_int_equal(object_store_open(shared, &s.setup.objects, error), 0);
+    s.setup.keep_s = 0;
+    s.setup.make_room = make_room;
+    s.options.disk = s.options.client_disk = 3 * 16384;
+    reopen_store(&s);
+    for (int i = 0; i < 4; i++) {
+        share_blob(&s, (char)('a' + i), hash[i]);
+        fetch(&s, hash[i]);
+        assert_int_equal(disk_bytes_of(s.ledger, "ann"), 16384 * (i < 3 ? i + 1 : 3));
+    }
+    assert_false(blobs_has(s.blobs, hash[0]));
+    for (int i = 1; i < 4; i++) assert_true(blobs_has(s.blobs, hash[i]));
+    assert_int_equal(n_made_room, 0);
+    s.setup.keep_s = 600; // from here on all of them were just used
+    reopen_store(&s);
+    fetch(&s, hash[0]);
+    assert_int_equal(n_made_room, 1);
+    assert_false(blobs_has(s.blobs, hash[0]));
+    close_store(&s);
+    object_store_close(s.setup.objects);
+}
+
 // However many principals upload the same bytes, the names kept of them are bounded.
 static void test_names_of_many(void **state)
 {
@@ -1006,6 +1068,7 @@ int main(void)
         cmocka_unit_test(test_largest_blob),
         cmocka_unit_test(test_use_before_an_upload_is_kept),
         cmocka_unit_test(test_use_before_a_fetch_is_kept),
+        cmocka_unit_test(test_fetches_stay_within_the_disk),
         cmocka_unit_test(test_names_of_many),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
