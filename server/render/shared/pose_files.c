@@ -27,6 +27,7 @@ struct restoring {
     struct server *server;
     struct principal *principal;
     struct pose *pose; // NULL: the file is not one of a pose
+    uint64_t most;     // bytes of the largest that may be in memory
     char name[65], path[4096];
     void (*wake)(void *user);
     void *user;
@@ -58,9 +59,10 @@ static int run_restoring(struct work *work, const struct prt_context *ctx)
     FILE *file = fopen(r->path, "rbe");
     struct pose *pose = file ? calloc(1, sizeof *pose) : NULL;
     long bytes = pose && !fseek(file, 0, SEEK_END) ? ftell(file) : 0;
+    // Any upload may be named: a large one is not read.
     if (pose) {
         pose->refs = 1;
-        pose->n = bytes > 0 ? (uint32_t)((size_t)bytes / 24) : 0;
+        pose->n = bytes > 0 && (uint64_t)bytes <= r->most ? (uint32_t)(bytes / 24) : 0;
         rewind(file);
     }
     if (pose && pose->n && (uint64_t)bytes == file_bytes(pose->n) &&
@@ -74,12 +76,20 @@ static int run_restoring(struct work *work, const struct prt_context *ctx)
 static void restored(struct work *work)
 {
     struct restoring *r = (struct restoring *)work;
-    char error[256] = "its file is damaged";
+    char error[256] = "its file is damaged, or larger than --client-poses allows";
     int code = r->pose ? poses_restore(r->server->poses, r->pose, r->principal, error) : -1;
     if (code) log_line(LOG_WARN, "pose hash=%.12s could not be read: %s", r->name, error);
     principal_release(r->principal);
     r->wake(r->user);
     free(r);
+}
+
+static uint64_t most_bytes(const struct principal *principal)
+{
+    uint64_t mine = ledger_limit_client(principal, LEDGER_POSES);
+    uint64_t all = ledger_limit_all(principal->ledger, LEDGER_POSES);
+    if (!mine) mine = UINT64_MAX - sizeof mark;
+    return (all && all < mine ? all : mine) + sizeof mark;
 }
 
 void pose_restore(struct server *server, const char *name, struct principal *principal,
@@ -94,6 +104,7 @@ void pose_restore(struct server *server, const char *name, struct principal *pri
     r->server = server;
     r->principal = principal;
     principal_hold(principal);
+    r->most = most_bytes(principal);
     snprintf(r->name, sizeof r->name, "%s", name);
     blobs_touch(server->blobs, name);
     blobs_path(server->blobs, name, r->path, sizeof r->path);
@@ -117,6 +128,7 @@ struct keeping {
 struct kept {
     struct blob_put put; // first
     struct keeping *keeping;
+    struct principal *principal; // held: charged for the bytes
 };
 
 struct wanted {
@@ -147,14 +159,17 @@ static void one_kept(struct keeping *k)
 
 static void was_put(struct blob_put *put)
 {
-    struct keeping *k = ((struct kept *)put)->keeping;
+    struct kept *one = (struct kept *)put;
+    struct keeping *k = one->keeping;
     if (put->code && !k->code) {
         k->code = put->code;
         snprintf(k->error, sizeof k->error, "pose %.12s… was not kept: %.200s", put->hash,
                  put->error);
     }
     free(put->bytes);
-    free(put);
+    ledger_give(one->principal, LEDGER_PAYLOAD, put->n);
+    principal_release(one->principal);
+    free(one);
     one_kept(k);
 }
 
@@ -163,10 +178,16 @@ static void keep(struct keeping *k, struct request *request, const char *name)
     const struct pose *pose = poses_known(request->server->poses, name);
     const uint64_t size = file_bytes(pose->n);
     const size_t part = (size_t)pose->n * 12;
+    // A client may ask for many copies of one pose before the first is on the disk.
+    if (ledger_take(request->principal, LEDGER_PAYLOAD, size, k->error)) {
+        k->code = refusal_code(request->principal, LEDGER_PAYLOAD, size);
+        return;
+    }
     struct kept *one = calloc(1, sizeof *one);
     char *bytes = one ? malloc(size) : NULL;
     if (!bytes) {
         free(one);
+        ledger_give(request->principal, LEDGER_PAYLOAD, size);
         k->code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
         snprintf(k->error, sizeof k->error, "not enough memory");
         return;
@@ -181,6 +202,7 @@ static void keep(struct keeping *k, struct request *request, const char *name)
     put->bytes = bytes;
     put->done = was_put;
     one->keeping = k;
+    principal_hold(one->principal = request->principal);
     k->pending++;
     blobs_put(request->server->blobs, put);
 }

@@ -3,34 +3,50 @@
 #include "render/shared/poses.h"
 
 #include "net/request.h"
+#include "prt/base.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 
 // Generations of named poses begin here: those of models count up from 1.
 static const uint64_t first_generation = UINT64_C(1) << 32;
 
+// The table has a fixed size: poses are few, unless somebody sends millions of tiny ones.
+enum { BUCKETS = 4096 };
+
 struct named_pose {
     struct named_pose *older, *newer;
-    struct pose *pose; // held
+    struct named_pose *chain; // of the bucket of its name
+    struct pose *pose;        // held
     char
         model[MODEL_ID + 12]; // its key; "": it was read from the disk, for the first that asks
 };
 
 struct poses {
     struct server *server;
-    struct named_pose *oldest, *newest;
-    uint64_t last;
+    struct named_pose *oldest, *newest, *bucket[BUCKETS];
+    uint64_t last, seed;
 };
 
 int poses_create(struct server *server, struct poses **out)
 {
     struct poses *poses = calloc(1, sizeof *poses);
     if (!poses) return -1;
+    if (getrandom(&poses->seed, sizeof poses->seed, 0) != sizeof poses->seed) {
+        free(poses);
+        return -1;
+    }
     poses->server = server;
     *out = poses;
     return 0;
+}
+
+static struct named_pose **bucket_of(const struct poses *poses, const char *name)
+{
+    uint64_t hash = prt_hash64(name, strlen(name), poses->seed);
+    return (struct named_pose **)(uintptr_t)&poses->bucket[hash % BUCKETS];
 }
 
 static void unlink_pose(struct poses *poses, struct named_pose *p)
@@ -47,8 +63,19 @@ static void link_newest(struct poses *poses, struct named_pose *p)
     poses->newest = p;
 }
 
+static void enter(struct poses *poses, struct named_pose *p)
+{
+    struct named_pose **bucket = bucket_of(poses, p->pose->name);
+    p->chain = *bucket;
+    *bucket = p;
+    link_newest(poses, p);
+}
+
 static void remove_pose(struct poses *poses, struct named_pose *p)
 {
+    struct named_pose **at = bucket_of(poses, p->pose->name);
+    while (*at != p) at = &(*at)->chain;
+    *at = p->chain;
     unlink_pose(poses, p);
     pose_release(p->pose);
     free(p);
@@ -74,9 +101,7 @@ void poses_forget(struct poses *poses, const struct model *model)
     if (!poses) return;
     for (struct named_pose *p = poses->oldest, *next; p; p = next) {
         next = p->newer;
-        if (strcmp(p->model, model->key)) continue;
-        forget_results(poses, p);
-        remove_pose(poses, p);
+        if (!strcmp(p->model, model->key)) remove_pose(poses, p);
     }
 }
 
@@ -84,20 +109,32 @@ void poses_forget(struct poses *poses, const struct model *model)
 static unsigned n_models(const struct poses *poses, const struct pose *pose)
 {
     unsigned n = 0;
-    for (const struct named_pose *p = poses->oldest; p; p = p->newer) n += p->pose == pose;
+    for (const struct named_pose *p = *bucket_of(poses, pose->name); p; p = p->chain)
+        n += p->pose == pose;
     return n;
 }
 
+static bool is_used(const struct poses *poses, const struct pose *pose)
+{
+    return pose->refs > 1 && pose->refs > n_models(poses, pose);
+}
+
 // The least recently used pose that nothing draws, of this principal (NULL: of any). False
-// where there is none.
+// where there is none. Those that something draws are used now.
 static bool evict(struct poses *poses, const struct principal *of)
 {
-    for (struct named_pose *p = poses->oldest; p; p = p->newer) {
+    const struct named_pose *last = poses->newest;
+    for (struct named_pose *p = poses->oldest, *next; p; p = next) {
+        next = p == last ? NULL : p->newer;
         if (of && p->pose->principal != of) continue;
-        forget_results(poses, p); // shapes of the cache hold it, too
-        if (p->pose->refs > 1 && p->pose->refs > n_models(poses, p->pose)) continue;
-        remove_pose(poses, p);
-        return true;
+        // Shapes of the cache hold it, too; the cache is searched for them alone.
+        if (is_used(poses, p->pose)) forget_results(poses, p);
+        if (!is_used(poses, p->pose)) {
+            remove_pose(poses, p);
+            return true;
+        }
+        unlink_pose(poses, p);
+        link_newest(poses, p);
     }
     return false;
 }
@@ -105,15 +142,22 @@ static bool evict(struct poses *poses, const struct principal *of)
 static struct named_pose *find(const struct poses *poses, const struct model *model,
                                const char *name)
 {
-    struct named_pose *p = poses->newest;
-    while (p && (strcmp(p->pose->name, name) || strcmp(p->model, model->key))) p = p->older;
+    struct named_pose *p = *bucket_of(poses, name);
+    while (p && (strcmp(p->pose->name, name) || strcmp(p->model, model->key))) p = p->chain;
+    return p;
+}
+
+// Of any model.
+static struct named_pose *find_any(const struct poses *poses, const char *name)
+{
+    struct named_pose *p = *bucket_of(poses, name);
+    while (p && strcmp(p->pose->name, name)) p = p->chain;
     return p;
 }
 
 const struct pose *poses_known(const struct poses *poses, const char *name)
 {
-    const struct named_pose *p = poses->newest;
-    while (p && strcmp(p->pose->name, name)) p = p->older;
+    const struct named_pose *p = find_any(poses, name);
     return p ? p->pose : NULL;
 }
 
@@ -129,14 +173,13 @@ static struct pose *use(struct poses *poses, struct named_pose *p)
 static struct named_pose *find_kept(struct poses *poses, const struct model *model,
                                     const char *name)
 {
-    struct named_pose *p = poses->newest, *own = NULL;
-    while (p && strcmp(p->pose->name, name)) p = p->older;
+    struct named_pose *p = find_any(poses, name), *own = NULL;
     if (!p || !blobs_has(poses->server->blobs, name)) return NULL;
     if (!*p->model) own = p;
     else if ((own = calloc(1, sizeof *own))) {
         own->pose = p->pose;
         own->pose->refs++;
-        link_newest(poses, own);
+        enter(poses, own);
     }
     if (own) snprintf(own->model, sizeof own->model, "%s", model->key);
     return own;
@@ -195,7 +238,7 @@ static int add(struct poses *poses, const char *model, struct pose *pose,
     pose->generation = first_generation + ++poses->last;
     p->pose = pose;
     snprintf(p->model, sizeof p->model, "%s", model);
-    link_newest(poses, p);
+    enter(poses, p);
     return 0;
 }
 

@@ -29,7 +29,7 @@ const struct pose *poses_known(const struct poses *poses, const char *name);
  * to the first model that it is asked for with. 0, or an error code with its text. */
 int poses_restore(struct poses *poses, struct pose *pose, struct principal *principal,
                   char error[256]);
-/* The model is forgotten: its poses go. */
+/* The model is forgotten, and with it what the caches have of it: its poses go. */
 void poses_forget(struct poses *poses, const struct model *model);
 
 #endif
