@@ -282,8 +282,10 @@ static void drawn(void *user, struct render_result *result)
     free(result->outgoing);
     result->outgoing = NULL;
     if (conn->dead) return; // the view was freed with it
-    // Pictures by baked transport are not refined.
-    if (!finer && (result->code || !result->preview)) {
+    // Pictures by baked transport are not refined, nor one whose mean is beyond the limits.
+    if (!finer &&
+        (result->code || !result->preview ||
+         (v->refinement && !refinement_charge(v->refinement, v->request->principal)))) {
         refinement_release(v->refinement);
         v->refinement = NULL;
     }

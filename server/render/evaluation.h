@@ -241,9 +241,14 @@ struct refinement {
     double expected_error; /* of one picture by it */
     bool converged;
     float (*mean)[3];
+    struct principal *principal; /* held: charged for the mean; NULL: nobody is */
+    uint64_t charged;
 };
 struct refinement *refinement_create(void);
 void refinement_release(struct refinement *refinement);
+/* Charges the principal for the mean, once there is one; false where a limit would be passed.
+ */
+bool refinement_charge(struct refinement *refinement, struct principal *principal);
 double refinement_error(const struct refinement *refinement);
 int refinement_add(struct refinement *refinement, const struct screen_radiance *radiance);
 

@@ -456,6 +456,51 @@ static void test_poses_are_counted(void **state)
     end();
 }
 
+static struct relight_view *open_picture(struct relight_client *client, const char *model)
+{
+    struct relight_view *view;
+    struct relight_error error;
+    struct relight_frame_out frame;
+    struct relight_light light = {.env = "constant"};
+    struct relight_view_request open = {.model = model, .n_light = 1, .lights = &light};
+    open.picture.width = open.picture.height = 200;
+    OK(relight_view_open(client, &open, &view, &error));
+    OK(relight_view_next(view, 20, &frame, &error));
+    relight_frame_out_finish(&frame);
+    return view;
+}
+
+// The mean of a view's pictures is its client's, as long as the state stays; where it would be
+// beyond the limit the view is not refined.
+static void test_means_are_counted(void **state)
+{
+    enum { LEAST = 50000 }; // bytes of the mean of the points that the picture sees
+    static const char *const little[] = {"--client-memory", "32k", NULL};
+    begin(NULL);
+    struct relight_client *other = client_open(d.address), *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_frame_out frame;
+    char model[40];
+    load_preview(other, model);
+    double before = held(other, "payload");
+    struct relight_view *view = open_picture(client, model);
+    assert_true(held(other, "payload") > before + LEAST);
+    OK(relight_view_close(view, NULL, NULL, &error));
+    for (int i = 0; i < 100 && held(other, "payload") > before; i++) sleep_ms(20);
+    assert_true(held(other, "payload") == before);
+    relight_close(client);
+    relight_close(other);
+    end();
+    begin(little);
+    client = client_open(d.address);
+    load_preview(client, model);
+    view = open_picture(client, model);
+    assert_int_equal(relight_view_next(view, 1, &frame, &error), -RELIGHT_E_TIMEOUT);
+    OK(relight_view_close(view, NULL, NULL, &error));
+    relight_close(client);
+    end();
+}
+
 // Whether the daemon runs under AddressSanitizer or ThreadSanitizer: its memory says nothing of
 // its own then, and it is slow.
 static bool is_sanitized(void)
@@ -882,6 +927,7 @@ int main(void)
         cmocka_unit_test_teardown(test_closes_pass_when_full, teardown),
         cmocka_unit_test_teardown(test_bytes_held_by_requests, teardown),
         cmocka_unit_test_teardown(test_poses_are_counted, teardown),
+        cmocka_unit_test_teardown(test_means_are_counted, teardown),
         cmocka_unit_test_teardown(test_texels_lie_there_once, teardown),
         cmocka_unit_test_teardown(test_payload_where_none_belongs, teardown),
         cmocka_unit_test_teardown(test_largest_output_is_closed, teardown),

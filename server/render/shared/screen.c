@@ -219,8 +219,21 @@ struct refinement *refinement_create(void)
 void refinement_release(struct refinement *r)
 {
     if (!r || --r->refs) return;
+    if (r->principal) ledger_give(r->principal, LEDGER_PAYLOAD, r->charged);
+    principal_release(r->principal);
     free(r->mean);
     free(r);
+}
+
+bool refinement_charge(struct refinement *r, struct principal *principal)
+{
+    const uint64_t bytes = ((uint64_t)r->n_point + 1) * sizeof *r->mean;
+    char error[256];
+    if (r->principal || !r->mean) return true;
+    if (ledger_take(principal, LEDGER_PAYLOAD, bytes, error)) return false;
+    principal_hold(r->principal = principal);
+    r->charged = bytes;
+    return true;
 }
 
 // The expected error of the mean falls more slowly than the -0.5 of independent errors, as part
