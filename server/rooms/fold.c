@@ -34,10 +34,17 @@ int room_role(const Relight__RoomState *state, const char *by, int64_t now_s)
     return role > all ? role : all;
 }
 
-uint64_t room_done_before(const Relight__RoomState *state, const char *client, uint64_t number)
+// Everybody in the room sees the clients of all: another principal's of the same id is another.
+static bool is_client(const Relight__RoomClient *c, const char *client, const char *by)
+{
+    return !strcmp(c->client, client) && (!*c->by || !strcmp(c->by, by));
+}
+
+uint64_t room_done_before(const Relight__RoomState *state, const char *client, const char *by,
+                          uint64_t number)
 {
     for (size_t i = 0; *client && i < state->n_clients; i++)
-        if (!strcmp(state->clients[i]->client, client) && number <= state->clients[i]->number)
+        if (is_client(state->clients[i], client, by) && number <= state->clients[i]->number)
             return state->clients[i]->sequence;
     return 0;
 }
@@ -248,7 +255,8 @@ static int check_event(struct folding *f, const struct action *row)
     if (s->closed && row->fold != fold_close)
         return fold_fail(f, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
                          "the room is closed: an owner can open it again");
-    if (*e->client && (strlen(e->client) != 16 || room_done_before(s, e->client, e->number)))
+    if (*e->client &&
+        (strlen(e->client) != 16 || room_done_before(s, e->client, e->stamp->by, e->number)))
         return fold_fail(f, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
                          "client and number are not those of a new event");
     return 0;
@@ -261,12 +269,13 @@ static int remember_client(struct folding *f)
     Relight__RoomState *s = f->state;
     if (!*f->event->client) return 0;
     for (size_t i = 0; i < s->n_clients; i++)
-        if (!strcmp(s->clients[i]->client, f->event->client)) {
+        if (is_client(s->clients[i], f->event->client, f->event->stamp->by)) {
             list_remove(&s->clients, &s->n_clients, i);
             break;
         }
     if (s->n_clients >= ROOM_MAX_CLIENTS) list_remove(&s->clients, &s->n_clients, 0);
     m.client = f->event->client;
+    m.by = f->event->stamp->by;
     m.number = f->event->number;
     m.sequence = f->event->stamp->sequence;
     return list_add(&s->clients, &s->n_clients, message_copy(&m)) ? 0 : fold_no_memory(f);

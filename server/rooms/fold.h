@@ -57,8 +57,10 @@ void room_state_free(Relight__RoomState *state); /* NULL is fine */
 int room_fold(Relight__RoomState *state, const Relight__RoomEvent *event,
               char error[ROOM_ERROR]);
 
-/* Whether this client's number was accepted before: the sequence of its event, else 0. */
-uint64_t room_done_before(const Relight__RoomState *state, const char *client, uint64_t number);
+/* Whether this number of a principal's client was accepted before: the sequence of its event,
+ * else 0. */
+uint64_t room_done_before(const Relight__RoomState *state, const char *client, const char *by,
+                          uint64_t number);
 
 /* Role that the room's members and invitations give a principal at this time. */
 int room_role(const Relight__RoomState *state, const char *by, int64_t now_s);

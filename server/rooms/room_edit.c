@@ -329,7 +329,8 @@ static bool answer_repeated(struct request *request, const struct room *room)
 {
     const Relight__RoomEditRequest *in = (const Relight__RoomEditRequest *)request->message;
     if (request->type != RELIGHT_TYPE_ROOM_EDIT) return false;
-    uint64_t sequence = room_done_before(room->state, in->client, in->number);
+    uint64_t sequence = room_done_before(room->state, in->client, request->conn->caller.name,
+                                         in->number);
     if (!sequence) return false;
     if (sequence > room->committed) {
         request->retry_ms = 20;

@@ -424,6 +424,33 @@ static void notes_and_revisions(void **unused)
     room_state_free(t.state);
 }
 
+// Whoever takes the id of another's client, which all can see, does not use up its numbers.
+static void numbers_are_of_their_principal(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 17);
+    struct table t = {NULL, begin(&r), 1000000};
+    struct room_act pin = {0};
+    struct room_evt e;
+    char error[ROOM_ERROR];
+    act_pin(&pin, &r);
+    pin.pin.text = "here";
+    evt_make(&e, &pin.action, ANN, 2, t.state->sequence + 1, t.now_us += slow);
+    char copy[17];
+    strcpy(copy, e.client);
+    assert_int_equal(room_fold(t.state, &e.event, error), 0);
+    evt_make(&e, &pin.action, BOB, 2, t.state->sequence + 1, t.now_us += slow);
+    e.event.client = copy;
+    e.event.number = UINT64_MAX;
+    assert_int_equal(room_fold(t.state, &e.event, error), 0);
+    assert_int_equal(room_done_before(t.state, copy, "token:bob", 1), t.state->sequence);
+    assert_int_equal(room_done_before(t.state, copy, "token:ann", UINT64_MAX), 0);
+    assert_int_equal(act(&t, ANN, 2, &pin.action), 0);
+    assert_int_equal(act(&t, BOB, 2, &pin.action), 0); // his own id
+    assert_int_equal(t.state->n_pins, 4);
+    room_state_free(t.state);
+}
+
 // Strokes of other pins, and those of none, stay.
 static void an_erased_pin_takes_its_strokes(void **unused)
 {
@@ -562,6 +589,7 @@ int main(void)
         cmocka_unit_test(roles),
         cmocka_unit_test(notes_and_revisions),
         cmocka_unit_test(an_erased_pin_takes_its_strokes),
+        cmocka_unit_test(numbers_are_of_their_principal),
         cmocka_unit_test(what_can_be_undone_is_needed),
         cmocka_unit_test(media_by_object),
         cmocka_unit_test(pictures_are_named_by_their_hash),
