@@ -68,7 +68,7 @@ static bool charge(struct edit *edit, char error[ROOM_ERROR])
     }
     enum ledger_refusal refusal = disk_take(server->ledger, room->owner, bytes, error);
     if (refusal == LEDGER_ALL_FULL) {
-        evict_for_room(server, NULL, NULL);
+        evict_for_event(server, bytes);
         refusal = disk_take(server->ledger, room->owner, bytes, error);
     }
     if (refusal == LEDGER_GRANTED) edit->charged = bytes;

@@ -215,6 +215,13 @@ void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
         if (!evict_one(server, PREVIEW, all)) break;
 }
 
+void evict_for_event(struct server *server, uint64_t bytes)
+{
+    struct wish w = {.resource = LEDGER_DISK, .more = bytes};
+    while (disk_bytes(server->ledger) + bytes > server->options.disk)
+        if (!evict_one(server, PREVIEW, w)) return;
+}
+
 bool evict_over(const struct server *server, const char *owner, char error[256])
 {
     const struct options *o = &server->options;

@@ -19,11 +19,12 @@ uint64_t bakes_bytes(const struct server *server);
 /* Removes files until the budgets are kept. Kept are pinned models, what rooms need, files that
  * somebody reads (unless nothing else is left), and those of `newest` (may be NULL). `asker`:
  * the principal that is refused if too much stays; beyond its own share it takes nothing from
- * those within theirs. NULL: files of all may go, as for a bake that is ready or a room's
- * event. */
+ * those within theirs. NULL: files of all may go, as for a bake that is ready. */
 void evict_for_room(struct server *server, const struct model *newest, const char *asker);
 /* The same before an upload of so many bytes. */
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
+/* Removes files, of whomever they are, until there is room for an event of so many bytes. */
+void evict_for_event(struct server *server, uint64_t bytes);
 /* Forgets a preview so that the asker may have one more model: of this owner or (NULL) of all;
  * shares are those of --max-models. False: none. */
 bool evict_preview(struct server *server, const char *owner, const char *asker);

@@ -741,6 +741,26 @@ static void rooms_are_counted(void **unused)
     end();
 }
 
+// On a full disk what can be made again goes for an event, a preview first.
+static void an_event_gets_its_room(void **unused)
+{
+    begin((const char *const[]){"--disk", "32k", NULL});
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    char room[33], id[ID_SIZE];
+    load_preview(client, "2", id);
+    room_create(f, "full", room);
+    int n = 0;
+    for (; info_code(f, id) == 0 && n < 400; n++)
+        assert_int_equal(room_rotate(f, room, (float)n), 0);
+    assert_int_equal(info_code(f, id), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    assert_true(n > 10);
+    assert_int_equal(room_rotate(f, room, 1000), 0);
+    frames_close(f);
+    relight_close(client);
+    end();
+}
+
 // ---- faults
 
 static void a_retry_is_done_once(void **unused)
@@ -868,6 +888,7 @@ int main(void)
         cmocka_unit_test_teardown(the_list_tells_roles, teardown),
         cmocka_unit_test_teardown(a_guest_sees_the_rooms_models, teardown),
         cmocka_unit_test_teardown(rooms_are_counted, teardown),
+        cmocka_unit_test_teardown(an_event_gets_its_room, teardown),
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
         cmocka_unit_test_teardown(backup, teardown),
