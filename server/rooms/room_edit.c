@@ -63,6 +63,7 @@ static bool charge(struct edit *edit, char error[ROOM_ERROR])
     const Relight__RoomClose *close = edit->event->action->close;
     if (close && close->closed) { // a full disk is why a room is closed
         disk_charge(server->ledger, room->owner, (int64_t)bytes);
+        room_was_charged(room->rooms, room->owner, bytes);
         edit->charged = bytes;
         return true;
     }
@@ -71,14 +72,18 @@ static bool charge(struct edit *edit, char error[ROOM_ERROR])
         evict_for_event(server, bytes);
         refusal = disk_take(server->ledger, room->owner, bytes, error);
     }
-    if (refusal == LEDGER_GRANTED) edit->charged = bytes;
-    else evict_explain(server, refusal == LEDGER_CLIENT_FULL ? room->owner : NULL, error);
-    return refusal == LEDGER_GRANTED;
+    if (refusal != LEDGER_GRANTED) {
+        evict_explain(server, refusal == LEDGER_CLIENT_FULL ? room->owner : NULL, error);
+        return false;
+    }
+    room_was_charged(room->rooms, room->owner, bytes);
+    edit->charged = bytes;
+    return true;
 }
 
 static void give_back(struct edit *edit)
 {
-    disk_charge(edit->room->rooms->server->ledger, edit->room->owner, -(int64_t)edit->charged);
+    room_give_back(edit->room->rooms, edit->room->owner, edit->charged);
     edit->charged = 0;
 }
 
@@ -253,6 +258,7 @@ static void begin(struct edit *edit)
         return;
     }
     int code = room_fold(room->state, edit->event, error);
+    room_packed_drop(room);
     edit->has_summary = !code && changes_summary(edit->event->action);
     summary_finish(&edit->summary);
     free(edit->keeps);
@@ -274,13 +280,22 @@ static void begin(struct edit *edit)
     refuse(edit, code, error);
 }
 
+// The role of the author as the room says now: what came between may have changed it.
+static void begin_again(struct edit *edit)
+{
+    const struct request *request = edit->wait.request;
+    int role = request ? caller_role(request, edit->room) : RELIGHT__ROOM_ROLE__ROLE_NONE;
+    if ((int)edit->event->role > role) edit->event->role = (Relight__RoomRole)role;
+    begin(edit); // one whose request has ended is refused
+}
+
 void edits_again(struct room *room)
 {
     for (struct edit *edit; (edit = room->again);) {
         room->again = edit->next;
         if (!room->state || room->stale)
             refuse(edit, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room is not available now");
-        else begin(edit);
+        else begin_again(edit);
     }
 }
 
@@ -329,8 +344,8 @@ static bool answer_repeated(struct request *request, const struct room *room)
 {
     const Relight__RoomEditRequest *in = (const Relight__RoomEditRequest *)request->message;
     if (request->type != RELIGHT_TYPE_ROOM_EDIT) return false;
-    uint64_t sequence = room_done_before(room->state, in->client, request->conn->caller.name,
-                                         in->number);
+    uint64_t sequence =
+        room_done_before(room->state, in->client, request->conn->caller.name, in->number);
     if (!sequence) return false;
     if (sequence > room->committed) {
         request->retry_ms = 20;

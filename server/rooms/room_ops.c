@@ -22,7 +22,8 @@ enum { MOST_LISTED = 1000 };
 void give_back_room(struct server *server, const char *name)
 {
     struct principal *p = ledger_principal(server->ledger, name);
-    if (p) ledger_give(p, LEDGER_ROOMS, 1);
+    // Another replica may have made the room: it was not charged here.
+    if (p && p->held[LEDGER_ROOMS]) ledger_give(p, LEDGER_ROOMS, 1);
     principal_release(p);
 }
 
@@ -205,22 +206,21 @@ struct reader {
     struct reader *next;
     Relight__RoomGetAnswer out;
     char hash[65];
-    uint8_t *bytes;
-    size_t n;
+    struct shared_bytes *state;
 };
 
 static void reader_end(struct reader *reader, bool there)
 {
     struct request *request = request_resume(&reader->wait);
-    struct payload payload = payload_of(reader->bytes, reader->n);
     if (request && there) {
-        reader->bytes = NULL;
+        struct payload payload = shared_payload(reader->state);
+        reader->state = NULL;
         request_answer(request, &reader->out.base, &payload);
     } else if (request) {
         request->retry_ms = 50;
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room is being read again");
     }
-    free(reader->bytes);
+    shared_release(reader->state);
     free(reader);
 }
 
@@ -240,18 +240,13 @@ void readers_check(struct room *room)
 static void get_state(struct request *request, struct room *room)
 {
     struct reader *r = calloc(1, sizeof *r);
-    size_t n = protobuf_c_message_get_packed_size(&room->state->base);
-    uint8_t *bytes = malloc(n + 1);
-    if (!r || !bytes || !room_state_hash(room->state, r->hash)) {
-        free(bytes);
+    if (!r || !(r->state = room_packed(room))) {
         free(r);
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    protobuf_c_message_pack(&room->state->base, bytes);
     relight__room_get_answer__init(&r->out);
-    r->bytes = bytes;
-    r->n = n;
+    snprintf(r->hash, sizeof r->hash, "%s", room_packed_hash(room));
     r->out.sequence = room->state->sequence;
     r->out.hash = r->hash;
     r->out.role = (Relight__RoomRole)caller_role(request, room);

@@ -43,6 +43,8 @@ struct rooms {
     uint64_t tokens_version; /* shared_tokens.c; 0: none is known */
     bool reading_tokens, tokens_again;
     bool reading_keeps, keeps_again;
+    struct owner_charge *charges; /* room_charges.c */
+    bool counting;
 };
 
 /* Waits for a room to be in memory. */
@@ -86,8 +88,10 @@ struct room {
     struct reader *readers;     /* ROOM_GETs that wait for the disk */
     struct shared_bytes *batch; /* the last piece of the tail that was sent */
     uint64_t batch_from, batch_to;
-    uint64_t presence;  /* grows with every change of a participant */
-    uint64_t ticked_ns; /* when changes of participants were, or will be, sent */
+    struct shared_bytes *packed; /* `state`; NULL: not packed since it changed */
+    char packed_hash[65];        /* SHA-256 of it; "": not computed */
+    uint64_t presence;           /* grows with every change of a participant */
+    uint64_t ticked_ns;          /* when changes of participants were, or will be, sent */
     struct {
         uint64_t key, presence;
     } gone[ROOM_GONE];
@@ -131,6 +135,28 @@ void room_set_needs(struct rooms *rooms, const Relight__RoomState *state, bool w
 void rooms_read_keeps(struct rooms *rooms);
 /* Another replica, or this one, has changed what a room needs, or deleted it. */
 void room_keeps_changed(struct rooms *rooms, const char *room);
+
+/* room_charges.c */
+/* The owner was charged for so many more bytes of its rooms. */
+void room_was_charged(struct rooms *rooms, const char *owner, uint64_t bytes);
+/* Gives them back, but no more than its rooms are charged here: another replica may have
+ * written them. */
+void room_give_back(struct rooms *rooms, const char *owner, uint64_t bytes);
+/* Counts what other replicas made and deleted; of a store of one process, nothing. */
+void rooms_count(struct rooms *rooms);
+void room_charges_finish(struct rooms *rooms);
+
+/* room_packed.c */
+/* The packed state with a reference for the caller, who calls shared_release; NULL without
+ * memory. It may have events that are not on the disk yet. */
+struct shared_bytes *room_packed(struct room *room);
+/* SHA-256 of what room_packed gave, 64 hex digits. */
+const char *room_packed_hash(struct room *room);
+/* The state has changed. */
+void room_packed_drop(struct room *room);
+void shared_release(void *shared); /* NULL is fine */
+/* A payload that takes the caller's reference. */
+struct payload shared_payload(struct shared_bytes *shared);
 
 /* room_call.c */
 typedef void (*with_room_fn)(struct request *request, struct room *room);
@@ -185,7 +211,12 @@ void tokens_changed(struct rooms *rooms);
 unsigned seats_count(const struct room *room);
 /* Events were committed, or the state was read again. */
 void seats_wake(struct room *room);
+/* The state is to be read again: what was packed of it for seats has events that may never be
+ * on the disk. */
+void seats_forget_state(struct room *room);
 /* Roles may have changed: those who may not see the room any more leave it. */
 void seats_check(struct room *room);
+/* The room was deleted: everybody leaves it. */
+void seats_end(struct room *room);
 
 #endif

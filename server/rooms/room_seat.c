@@ -25,8 +25,8 @@ struct seat {
     struct loop_timer timer;
     uint64_t at; // sequence of the last event that was sent
     bool wants_state;
-    uint8_t *state; // packed, of `state_at`; it may have events that are not yet on the disk
-    size_t n_state;
+    struct shared_bytes
+        *state; // of `state_at`: it may have events that are not yet on the disk
     uint64_t state_at;
     Relight__Participant *me;
     uint64_t changed;  // presence at the last change of `me`
@@ -88,7 +88,7 @@ static void leave(struct request *request)
     presence_changed(room);
     room->rooms->n_seat--;
     relight__participant__free_unpacked(seat->me, NULL);
-    free(seat->state);
+    shared_release(seat->state);
     free(seat);
     room_release(room);
 }
@@ -156,23 +156,23 @@ static bool send_state(struct seat *seat)
 {
     struct room *room = seat->room;
     if (!seat->state) {
-        seat->n_state = protobuf_c_message_get_packed_size(&room->state->base);
-        if (!(seat->state = malloc(seat->n_state + 1))) return false;
-        protobuf_c_message_pack(&room->state->base, seat->state);
+        if (!(seat->state = room_packed(room))) return false;
         seat->state_at = room->state->sequence;
     }
     if (seat->state_at > room->committed) return false;
-    struct payload payload = payload_of(seat->state, seat->n_state);
+    struct payload payload = shared_payload(seat->state);
     seat->state = NULL;
     seat->wants_state = false;
     send_bytes(seat, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE, seat->state_at, payload);
     return true;
 }
 
-static void release_shared(void *owner)
+void seats_forget_state(struct room *room)
 {
-    struct shared_bytes *shared = owner;
-    if (!--shared->refs) free(shared);
+    for (struct seat *s = room->seats; s; s = s->next) {
+        shared_release(s->state);
+        s->state = NULL;
+    }
 }
 
 static struct room_event_bytes *tail_event(const struct room *room, uint64_t sequence)
@@ -202,7 +202,7 @@ static struct shared_bytes *batch_after(struct room *room, uint64_t from)
         struct room_event_bytes *e = tail_event(room, s);
         batch->n += events_put(batch->bytes + batch->n, e->bytes, e->n);
     }
-    if (room->batch) release_shared(room->batch);
+    shared_release(room->batch);
     room->batch = batch;
     room->batch_from = from;
     room->batch_to = to;
@@ -220,8 +220,8 @@ static bool send_events(struct seat *seat)
     struct shared_bytes *batch = batch_after(room, seat->at);
     if (!batch) return false;
     batch->refs++;
-    struct payload payload = {batch->bytes, batch->n, batch, release_shared};
-    send_bytes(seat, RELIGHT__EVENT_KIND__EVENT_ROOM_EVENTS, room->batch_to, payload);
+    send_bytes(seat, RELIGHT__EVENT_KIND__EVENT_ROOM_EVENTS, room->batch_to,
+               shared_payload(batch));
     return true;
 }
 
@@ -343,6 +343,13 @@ void seats_check(struct room *room)
         }
         s = s->next;
     }
+}
+
+void seats_end(struct room *room)
+{
+    while (room->seats)
+        request_stop(room->seats->request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
+                     "the room was deleted");
 }
 
 void take_room_presence(struct connection *conn, const ProtobufCMessage *message)

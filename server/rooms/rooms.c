@@ -61,7 +61,8 @@ static void room_free(struct room *room)
     loop_timer_stop(rooms->server->loop, &room->idle);
     loop_timer_stop(rooms->server->loop, &room->tick);
     drop_tail(room);
-    if (room->batch && !--room->batch->refs) free(room->batch);
+    shared_release(room->batch);
+    room_packed_drop(room);
     room_state_free(room->state);
     rooms->n_room--;
     free(room);
@@ -236,6 +237,7 @@ static void take_loaded(struct room *room, struct room_task *task)
     room_hold(room);
     edits_again(room);
     tell_waiters(room, 0, "");
+    seats_check(room); // another replica may have changed who may be here
     seats_wake(room);
     room_release(room);
 }
@@ -247,9 +249,12 @@ static void loaded(struct room_task *task)
     room->stale = room->again_stale; // written by another replica meanwhile
     room->again_stale = false;
     if (task->status == ROOM_TASK_DONE) take_loaded(room, task);
-    else if (task->status == ROOM_TASK_MISSING)
+    else if (task->status == ROOM_TASK_MISSING) {
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "");
-    else {
+        room_hold(room);
+        seats_end(room);
+        room_release(room);
+    } else {
         log_line(LOG_ERR, "room=%s: it could not be read: %s", room->id, task->error);
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room could not be read");
     }
@@ -261,6 +266,7 @@ static void loaded(struct room_task *task)
 static void begin_load(struct room *room)
 {
     room->loading = true;
+    room_packed_drop(room);
     room_state_free(room->state);
     room->state = NULL;
     room->load = (struct room_task){.kind = ROOM_TASK_LOAD, .done = loaded};
@@ -271,6 +277,8 @@ static void begin_load(struct room *room)
 void room_spoil(struct room *room)
 {
     room->stale = true;
+    room_packed_drop(room);
+    seats_forget_state(room);
     readers_check(room);
 }
 
@@ -352,6 +360,7 @@ static int charge_owners(struct rooms *rooms)
     for (size_t i = 0; i < s.task.n_row; i++) {
         const struct room_row *row = &s.task.row[i];
         disk_charge(rooms->server->ledger, row->by, (int64_t)row->bytes);
+        room_was_charged(rooms, row->by, row->bytes);
         struct principal *p = ledger_principal(rooms->server->ledger, row->by);
         if (p) ledger_force(p, LEDGER_ROOMS, row->sequence);
         principal_release(p);
@@ -381,7 +390,8 @@ static void guests_read(struct room_task *task)
     rooms->reading_guests = false;
     if (task->status == ROOM_TASK_DONE) {
         guests_finish(&rooms->guests);
-        (void)take_guests(rooms, task);
+        if (take_guests(rooms, task) && !rooms->stopping)
+            connections_recheck(rooms->server, false); // guests who may not come any more
     } else {
         rooms->guests_missed = true; // until the database is back
     }
@@ -416,7 +426,8 @@ static void changed_elsewhere(void *user, const struct room_change *change)
     struct rooms *rooms = user;
     struct room *room = change->room[0] ? room_in_memory(rooms, change->room) : NULL;
     if (rooms->stopping) return;
-    if (room) reread(room, change->sequence);
+    // Sequence 0: it was deleted.
+    if (room) reread(room, change->sequence ? change->sequence : UINT64_MAX);
     for (int i = 0; change->all && i < ROOMS_HASH; i++)
         for (room = rooms->hash[i]; room; room = room->next) reread(room, UINT64_MAX);
     if (change->all || change->summary) refresh_guests(rooms);
@@ -481,6 +492,7 @@ void rooms_destroy(struct rooms *rooms)
     for (int i = 0; i < ROOMS_HASH; i++)
         while (rooms->hash[i]) room_free(rooms->hash[i]);
     guests_finish(&rooms->guests);
+    room_charges_finish(rooms);
     free(rooms);
 }
 
@@ -498,7 +510,7 @@ static void purged(struct room_task *task)
         const struct room_row *row = &task->row[i];
         struct room *room = room_in_memory(rooms, row->room);
         log_line(LOG_EVENT, "room=%s deleted=closed owner=%s", row->room, row->by);
-        disk_charge(rooms->server->ledger, row->by, -(int64_t)row->bytes);
+        room_give_back(rooms, row->by, row->bytes);
         give_back_room(rooms->server, row->by);
         guests_replace(&rooms->guests, row->room, NULL, 0);
         holds_set(rooms->server->holds, row->room, "");
@@ -514,6 +526,7 @@ void rooms_maintain(struct rooms *rooms)
 {
     double keep_s = rooms->server->options.rooms_keep;
     if (!holds_known(rooms->server->holds)) rooms_read_keeps(rooms);
+    rooms_count(rooms);
     struct purge *purge = keep_s > 0 ? calloc(1, sizeof *purge) : NULL;
     struct timespec now;
     if (!purge) return;

@@ -123,6 +123,7 @@ struct room_store {
      * process never calls it. */
     void (*changed)(void *user, const struct room_change *change);
     void *user;
+    bool shared;       /* other processes may write to it, too */
     _Atomic bool away; /* nothing can be read or written now; it comes back by itself */
 };
 extern const struct room_store_api room_store_sqlite;

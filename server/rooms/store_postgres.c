@@ -201,6 +201,7 @@ static int open_store(const char *where, struct loop *loop, struct room_store **
     snprintf(error, 256, "not enough memory");
     if (!s) return -1;
     s->store.api = &room_store_postgres;
+    s->store.shared = true;
     s->loop = loop;
     s->stop = eventfd(0, EFD_CLOEXEC);
     s->where = strdup(where);

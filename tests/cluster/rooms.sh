@@ -80,3 +80,42 @@ secret=$(grep -oE 'relight_guest_[A-Za-z0-9_-]+|relight_[A-Za-z0-9_-]{30,}' out 
 [ -n "$secret" ] || wrong "no secret of a guest"
 until_true 3 ask "$(tcp b)" room show "$room" -k "$secret" || wrong "the guest of a may not enter by b"
 echo "a guest of one replica enters by the other"
+
+# ---- who may not be in a room any more leaves it at the other replica, too
+watch() { # NAME REPLICA OPTION…
+    "$bin/relight" -s "$2" room watch "$room" "${@:3}" >"$1.out" 2>&1 </dev/null &
+    pids+=($!)
+    watching[$1]=$!
+}
+sees() { ask "unix:$T/a.s" room reply "$room" 2 "are you there?"; [ -s "$1.out" ]; }
+left() { ! kill -0 "${watching[$1]}" 2>/dev/null; }
+declare -A watching
+ask "unix:$T/a.s" token create --name eve --scope view || wrong "token create"
+eve=$(grep -oE 'relight_[A-Za-z0-9_-]+' out | head -1)
+ask "unix:$T/a.s" room member "$room" token:eve --role viewer || wrong member
+watch eve "$(tcp b)" -k "$eve"
+watch guest "$(tcp b)" -k "$secret"
+watch owner "unix:$T/b.s"
+for who in eve guest owner; do until_true 10 sees $who || wrong "$who sees nothing by b"; done
+ask "unix:$T/a.s" room member "$room" token:eve --role none || wrong "member none"
+until_true 5 left eve || wrong "one who was removed by a stays by b"
+ask "unix:$T/a.s" room show "$room" --json || wrong show
+invitation=$(python3 -c 'import json
+def find(x):
+    for key, value in x.items():
+        if key == "invites": return value[0]["id"]
+        if isinstance(value, dict) and (found := find(value)): return found
+print(find(json.load(open("out"))))')
+ask "unix:$T/a.s" room revoke "$room" "$invitation" || wrong "revoke"
+until_true 5 left guest || wrong "a guest whose invitation a revoked stays by b"
+left owner && wrong "the owner left"
+echo "who was removed by one replica leaves at the other"
+
+# ---- a room that another replica deletes: no seat stays, and no count goes below what is held
+ask "unix:$T/a.s" room close "$room" || wrong close
+start d --rooms "$rooms" --store "$T/shared" --rooms-keep 0.001
+until_true 10 grep -q "room=$room deleted=closed" d.log || wrong "d deletes nothing"
+until_true 5 left owner || wrong "one sits in a room that is gone"
+ask "unix:$T/b.s" room show "$room" && wrong "b shows a room that is gone"
+for r in a b d; do ask "unix:$T/$r.s" room list || wrong "$r lists no rooms"; done
+echo "a room that one replica deletes is gone at the others"
