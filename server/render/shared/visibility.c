@@ -9,6 +9,7 @@
 #include <string.h>
 
 enum { LARGE_PICTURE = 4 << 20 }; // pixels; chosen, not measured
+enum { FOVY_DEG = 36 };           // of a camera that names none, as of prt_camera_frame
 
 struct visibility_job {
     struct cache_job job;
@@ -53,6 +54,17 @@ int camera_choose(struct model *model, uint64_t generation, const struct render_
                    ? RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE
                    : 0;
     float aspect = (float)s->width / (float)s->height;
+    if (s->has_camera && !s->has_orbit) {
+        *out = (struct prt_camera){.fovy_deg = s->fovy_deg > 0 ? s->fovy_deg : FOVY_DEG};
+        memcpy(out->eye, s->camera_eye, sizeof out->eye);
+        memcpy(out->target, s->camera_target, sizeof out->target);
+        memcpy(out->up, s->camera_up, sizeof out->up);
+        return 0;
+    }
+    if (s->has_orbit) {
+        prt_camera_frame_from(mesh, aspect, &s->orbit, out);
+        return 0;
+    }
     // Framing reads every vertex and runs on the loop's thread: it is done once a generation
     // and variant. The frame fits the translucent parts, which differ between variants.
     if (model->frame_generation != generation || model->frame_aspect != aspect ||
@@ -64,12 +76,6 @@ int camera_choose(struct model *model, uint64_t generation, const struct render_
     }
     *out = model->frame;
     out->automatic = false;
-    if (s->has_orbit) prt_camera_frame_from(mesh, aspect, &s->orbit, out);
-    if (!s->has_camera || s->has_orbit) return 0;
-    memcpy(out->eye, s->camera_eye, sizeof out->eye);
-    memcpy(out->target, s->camera_target, sizeof out->target);
-    memcpy(out->up, s->camera_up, sizeof out->up);
-    if (s->fovy_deg > 0) out->fovy_deg = s->fovy_deg;
     return 0;
 }
 
