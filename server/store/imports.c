@@ -38,10 +38,12 @@ struct indexed {
     struct indexed *next;  // of all
     struct indexed *chain; // of its bucket
     char *path;
-    char stamp[IMPORT_STAMP];
-    struct import_copy *copy; // NULL: the file cannot be used
-    unsigned missed;          // scans, one after another, that did not find the file
-    bool version;             // it is the model of a folder NAME/VERSION
+    char stamp[IMPORT_STAMP]; // of the file when it was copied
+    char
+        refused[IMPORT_STAMP]; // of a later one that cannot be used, until it changes; "": none
+    struct import_copy *copy;  // NULL: no file of this path could be used
+    unsigned missed;           // scans, one after another, that did not find the file
+    bool version;              // it is the model of a folder NAME/VERSION
 };
 
 struct copying {
@@ -216,6 +218,12 @@ const struct import_copy *import_called(const struct imports *imports, const cha
             return x->copy;
         }
     return NULL;
+}
+
+// Whether the file was looked at when it was as the stamp says.
+static bool is_known(const struct indexed *x, const char *stamp)
+{
+    return !strcmp(x->stamp, stamp) || !strcmp(x->refused, stamp);
 }
 
 static struct indexed *add_indexed(struct imports *imports, const char *path)
@@ -421,6 +429,7 @@ static void take_in(struct copying *c, struct import_copy *copy)
     if (x) {
         bool other = x->copy != copy || strcmp(x->stamp, c->file.stamp);
         snprintf(x->stamp, sizeof x->stamp, "%s", c->file.stamp);
+        x->refused[0] = 0;
         set_copy(imports, x, copy);
         x->missed = 0;
         if (other) write_index(imports);
@@ -454,7 +463,9 @@ static void copying_done(struct file_task *task)
     } else {
         // Looked at again when it changes; by each scan, where the copying is at fault.
         struct indexed *x = c->scanned && f->lasts ? add_indexed(imports, c->path) : NULL;
-        if (x) snprintf(x->stamp, sizeof x->stamp, "%s", f->stamp);
+        if (x) snprintf(x->refused, sizeof x->refused, "%s", f->stamp);
+        if (x && x->copy && x->copy->present && x->copy->prt)
+            found(imports, x->copy, c->path, x->version); // goes on with the earlier content
         if (c->scanned) log_line(LOG_WARN, "import path=%s error=\"%s\"", c->path, f->error);
         tell(c, NULL, code, f->error[0] ? f->error : "not enough memory");
     }
@@ -557,7 +568,7 @@ static void keep_list(struct imports *imports, const struct import_list *list)
 static void look_at(struct imports *imports, const struct import_entry *e)
 {
     struct indexed *x = find_indexed(imports, e->name);
-    if (x && !strcmp(x->stamp, e->stamp)) {
+    if (x && is_known(x, e->stamp)) {
         if (x->copy && x->copy->prt) found(imports, x->copy, e->name, e->version != NULL);
         return;
     }
@@ -577,7 +588,7 @@ static size_t compare_known(struct imports *imports, const struct import_list *l
         struct indexed *x = find_indexed(imports, k->name);
         if (!x) continue;
         x->missed = k->stamp[0] ? 0 : x->missed + 1;
-        if (k->stamp[0] && strcmp(k->stamp, x->stamp) && !(x->copy && x->copy->prt))
+        if (k->stamp[0] && !is_known(x, k->stamp) && !(x->copy && x->copy->prt))
             changed[n++] = k->name;
     }
     for (struct indexed **at = &imports->index; *at;)

@@ -123,6 +123,8 @@ struct opening {
     struct cache_entry *entry; // NULL: only the checksums are looked at
     bool preview;              // a mesh without transport
     bool away;                 // its file is in a folder that cannot be read now
+    bool fetched;              // its file was copied from there just now
+    bool decayed;              // its file is a copy of --models with other bytes than once
     bool header_only;          // without entry: only the properties that LIST shows
     char path[PATH_MAX];
     struct import_copy *used; // stays until it is read
@@ -136,18 +138,29 @@ static void close_file(void *file)
 }
 
 // A bake that another replica made, or that was removed here for room, is copied from the
-// folder that they share. A folder that is away says nothing about the bake.
+// folder that they share. A folder that is away says nothing about the bake. Without an entry
+// nobody asks for it: one that was removed meanwhile stays away.
 static int fetch(struct opening *o, const struct prt_context *ctx)
 {
     const struct model *m = o->model;
-    if (o->preview || o->used || !object_store_shared(m->server->objects) ||
-        !access(o->path, F_OK))
+    if (!o->entry || o->preview || o->used || m->file ||
+        !object_store_shared(m->server->objects) || !access(o->path, F_OK))
         return PRT_OK;
     int err = object_get(m->server->objects, OBJECT_BAKE, m->id, o->path);
+    o->fetched = !err;
     o->away = err && err != -ENOENT;
     if (!o->away) return PRT_OK; // without a bake opening says so
     return prt_fail(ctx, PRT_IO, "model %.16s: its bake cannot be fetched from --store: %s",
                     m->id, strerror(-err));
+}
+
+// Where the copy of a file of --models has other bytes than when it was made, the disk is at
+// fault, and the file may be good.
+static bool has_decayed(const struct opening *o)
+{
+    char hash[65];
+    return o->used && !o->preview && !blobs_hash_file(o->path, hash) &&
+           strcmp(hash, o->used->hash) != 0;
 }
 
 static int run_opening(struct work *work, const struct prt_context *ctx)
@@ -162,6 +175,7 @@ static int run_opening(struct work *work, const struct prt_context *ctx)
                                  o->header_only ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL,
                                  &o->file);
     o->ms = (float)((prt_time_s() - start) * 1e3);
+    if (status == PRT_FORMAT) o->decayed = has_decayed(o);
     return status;
 }
 
@@ -188,12 +202,24 @@ static void start_opening(struct model *m, struct cache_entry *entry, const char
                           bool preview, bool header_only);
 static void hold_pin(struct model *m, struct cache_entry *e);
 
+// The next request copies the file again.
+static void drop_copy(struct model *m)
+{
+    log_line(LOG_ERR, "model id=%s its copy imports/%.16s is damaged and was removed", m->id,
+             m->copy->hash);
+    m->checked = false;
+    import_evict(m->server->imports, m->copy);
+}
+
 // Its header was read for LIST; no request waits for the file.
 static void looked(struct opening *o)
 {
     struct model *m = o->model;
-    if (o->work.status == PRT_FORMAT && m->state == RELIGHT__MODEL_STATE__MODEL_READY &&
-        !m->gone) {
+    if (o->decayed && !m->gone) {
+        drop_copy(m);
+        model_unload(m, false);
+    } else if (o->work.status == PRT_FORMAT && m->state == RELIGHT__MODEL_STATE__MODEL_READY &&
+               !m->gone) {
         damaged(m, o->work.error);
         model_unload(m, false);
     } else if (!o->work.status && !m->facts.baked) {
@@ -209,8 +235,14 @@ static void not_opened(struct opening *o)
     int code = error_of_status(o->work.status);
     bool missing = o->work.status == PRT_IO && access(o->path, F_OK) && errno == ENOENT;
     if (m->gone) { // and its file with it
+    } else if (o->decayed) {
+        drop_copy(m);
+        code = RELIGHT__ERROR_CODE__ERROR_BUSY;
+        error = "its copy was damaged on the daemon's disk and is made again: ask once more";
     } else if (o->away || (o->work.status != PRT_FORMAT && !missing)) {
-        // lack of memory or descriptors, an I/O error: the next request tries again
+        // lack of memory or descriptors, an I/O error: the next request tries again, and
+        // fetches it again
+        if (o->fetched) file_remove(m->server->file_queue, o->path);
     } else if (o->preview) {
         model_charge_preview(m, 0);
         m->mesh = MESH_FAILED;
@@ -288,7 +320,8 @@ static void done_opening(struct work *work)
     if (!o->entry) looked(o);
     else if (work->status) not_opened(o);
     else is_open(o);
-    if (o->preview && o->model->gone && model_is_last(o->model))
+    // Forgotten while it was read: what was written of it since goes, too.
+    if ((o->preview || o->fetched) && o->model->gone && model_is_last(o->model))
         file_remove(o->model->server->file_queue, o->path);
     free_opening(o);
 }

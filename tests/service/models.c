@@ -284,6 +284,96 @@ static void test_copy_comes_back(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A file that was replaced by a damaged one: its LOAD says so, also after a scan has looked at
+// it, and the model of the good one goes on.
+static void test_damaged_replacement_is_told(void **state)
+{
+    char path[200], aside[200], id[ID_SIZE];
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load load = {.path = "stone.prt"};
+    in_models("stone.prt", path);
+    in_models("stone.new", aside);
+    copy_file(baked, path);
+    copy_file(baked, aside);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    assert_true(id_of(client, "stone", NULL, id));
+    OK(relight_load(client, &load, &loaded, &error));
+    assert_string_equal(loaded.model, id);
+    relight_loaded_finish(&loaded);
+    assert_int_equal(truncate(aside, 64), 0);
+    assert_int_equal(rename(aside, path), 0);
+    assert_true(log_says(&d, "import path=stone.prt error", 10000));
+    for (int start = 0; start < 2; start++) {
+        expect(relight_load(client, &load, &loaded, &error), RELIGHT_E_FORMAT, &error,
+               "damaged");
+        ask_red(client, id, (float)start + 1);
+        relight_close(client);
+        assert_int_equal(daemon_stop(&d), 0);
+        daemon_start(&d, NULL); // nor does the index take the one for the other
+        client = client_open(d.address);
+    }
+    copy_file(baked, path);
+    assert_true(id_of(client, "stone", NULL, id));
+    ask_red(client, "stone", 3);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// Writes other bytes into the daemon's copy of the one file of --models.
+static void damage_copy(off_t at)
+{
+    char path[300];
+    unsigned n = 0;
+    snprintf(path, sizeof path, "%s/imports", d.data);
+    DIR *dir = opendir(path);
+    for (struct dirent *e; (e = readdir(dir));) {
+        if (strlen(e->d_name) != 64) continue;
+        int fd = openat(dirfd(dir), e->d_name, O_WRONLY);
+        assert_int_equal(pwrite(fd, "\xaa\x55\xaa\x55\xaa\x55\xaa\x55", 8, at), 8);
+        close(fd);
+        n++;
+    }
+    closedir(dir);
+    assert_int_equal(n, 1);
+}
+
+// The daemon's copy of a good file decays on its disk: it is made again.
+static void test_decayed_copy_is_made_again(void **state)
+{
+    char path[200];
+    struct relight_error error;
+    struct relight_colors colors;
+    struct relight_light light = {.env = "constant:2,1,1"};
+    struct relight_colors_request request = {.model = "stone", .n_light = 1, .lights = &light};
+    in_models("stone.prt", path);
+    copy_file(baked, path);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    ask_red(client, "stone", 1);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    damage_copy(baked_bytes / 2); // seen by the check of all bytes, behind the request
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
+    ask_red(client, "stone", 1);
+    assert_true(log_says(&d, "is damaged and was removed", 10000));
+    ask_red(client, "stone", 3);
+    OK(relight_unload(client, "stone", false, NULL, &error));
+    damage_copy(16); // in the header: seen when it is opened
+    int status = relight_colors(client, &request, &colors, &error);
+    for (int i = 0; i < 100 && status == -RELIGHT_E_BUSY; i++) {
+        sleep_ms(20);
+        status = relight_colors(client, &request, &colors, &error);
+    }
+    OK(status);
+    relight_colors_finish(&colors);
+    ask_red(client, "stone", 4);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_links_and_paths(void **state)
 {
     char path[200], folder[200], id[ID_SIZE], first[400];
@@ -964,6 +1054,8 @@ int main(void)
         TEST(test_new_version_of_a_file),
         TEST(test_view_follows_a_new_version),
         TEST(test_copy_comes_back),
+        TEST(test_damaged_replacement_is_told),
+        TEST(test_decayed_copy_is_made_again),
         TEST(test_links_and_paths),
         TEST(test_odd_file_names),
         TEST(test_gltf_with_buffers),
