@@ -316,7 +316,7 @@ static int add_files(struct sender *s, bool images, struct relight_error *error)
     return status;
 }
 
-// Uploads a model's file and what it refers to, its images where they are wanted; the caller
+// Uploads a model's file and the files that it names; images only where asked for. The caller
 // frees *out.
 static int upload_bundle(struct relight_client *client, const char *path, bool images,
                          relight_progress_fn fn, void *user, struct bundle **out,

@@ -48,7 +48,7 @@ PRT_INLINE __m128i load_pair(const int16_t *entry, bool whole)
     return _mm_insert_epi32(_mm_loadl_epi64((const __m128i *)entry), blue, 2);
 }
 
-// Rows are read once, from memory: asks for what lies ahead.
+// Prefetches what lies ahead: rows are read once, from memory.
 PRT_INLINE void ask_ahead(const int16_t *entry, const uint16_t *index)
 {
     _mm_prefetch((const char *)entry + 1024, _MM_HINT_T0);

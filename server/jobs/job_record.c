@@ -46,7 +46,7 @@ static double number(const cJSON *json, const char *key)
     return cJSON_IsNumber(item) && isfinite(item->valuedouble) ? item->valuedouble : 0;
 }
 
-// Whether it is one folder in a folder: what it names is removed with all that it holds.
+// Whether the name is that of a folder right below DATA/work, which is removed with the job.
 static bool is_folder(const char *name)
 {
     return name[0] && name[0] != '.' && !strchr(name, '/');

@@ -172,6 +172,19 @@ static void no_jumps(void **state)
     free(color);
 }
 
+// Multiple scattering of one medium by the dipole.
+static void bake_dipole(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                        const struct prt_material *m, const char *path)
+{
+    const struct prt_bake_options o = {.media = prt_media_one(m),
+                                       .n_sample = 4000,
+                                       .cube = CUBE,
+                                       .no_single = true,
+                                       .unmeasured = true,
+                                       .seed = 1};
+    assert_int_equal(prt_bake(ctx, mesh, &o, path), PRT_OK);
+}
+
 // Multiple scattering of a file whose medium is fixed, of every vertex.
 static void answer_fixed(const char *path, float (*out)[3])
 {
@@ -192,16 +205,10 @@ static void holes_keep_the_dipole(void **state)
     float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
     float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
     char dipole[80];
-    const struct prt_bake_options o = {.media = prt_media_one(&m),
-                                       .n_sample = 4000,
-                                       .cube = CUBE,
-                                       .no_single = true,
-                                       .unmeasured = true,
-                                       .seed = 1};
     quiet.log = ignore_log;
     snprintf(dipole, sizeof dipole, "%s/dipole.prt", folder);
     bake(mesh, PRT_TRANSPORT_JOINT, 16, false, NULL, holed);
-    assert_int_equal(prt_bake(&quiet, mesh, &o, dipole), PRT_OK);
+    bake_dipole(&quiet, mesh, &m, dipole);
     answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
     answer_fixed(dipole, want);
     expect_below("difference from the dipole",
@@ -245,13 +252,7 @@ static void holes_beside_a_closed_body(void **state)
     bake(mesh, PRT_TRANSPORT_JOINT, 256, false, NULL, holed);
     for (unsigned i = 0; i < 3; i++) {
         const struct prt_material m = medium(media[i]);
-        const struct prt_bake_options o = {.media = prt_media_one(&m),
-                                           .n_sample = 4000,
-                                           .cube = CUBE,
-                                           .no_single = true,
-                                           .unmeasured = true,
-                                           .seed = 1};
-        assert_int_equal(prt_bake(&context, mesh, &o, dipole), PRT_OK);
+        bake_dipole(&context, mesh, &m, dipole);
         answer_fixed(dipole, want);
         answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
         expect_below(expect_name("open body, %s: difference from the dipole", media[i]),

@@ -354,8 +354,8 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
  * Thread-safety: Safe for different structs. Does not block. */
 void relight_loaded_finish(struct relight_loaded *loaded);
 
-/* Uploads a model file and what it names beside it, then loads it: of a .gltf buffers and
- * images, of an .obj its material library and the images of that. An image that is not there,
+/* Uploads a model file and the files that it names, then loads it: the buffers and images of a
+ * .gltf, the material library of an .obj and the images in that. An image that is not there,
  * or outside the model's folder, is left out: the daemon warns. path: .glb .gltf .obj .ply
  * .stl. load: as relight_load; its files and path are ignored. Returns as relight_load and
  * relight_upload_file. Thread-safety: Safe. Blocks as both. */

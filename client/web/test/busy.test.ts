@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a busy daemon refuses is repeated when it says, and the words say so where it is true.
+// A request that a busy daemon refuses is repeated after the time that the daemon names; the message
+// says so only where the page does it.
 import { beforeEach, expect, test } from "vitest";
 import { browser, fakeDaemon, tellState } from "./fake-browser";
 import { ErrorCode } from "../src/gen/relight_pb";

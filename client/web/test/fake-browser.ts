@@ -101,7 +101,7 @@ vi.stubGlobal("addEventListener", (kind: string, listener: (event: unknown) => v
 // ---- a daemon
 
 type Answered = (answer: Answer<unknown>) => void;
-/** What the page asked, newest last, and its answers. */
+/** The requests of the page, newest last, and the answers that it gets. */
 export interface Daemon {
   asked: { type: Type; init: Record<string, unknown> }[];
   /** Answers a request; throws where it is refused. */

@@ -195,7 +195,7 @@ function step(from: typeof done, to: typeof done): void {
 export const undo = () => (roomHistory.value ? roomHistory.value.undo() : step(done, undone));
 export const redo = () => (roomHistory.value ? roomHistory.value.redo() : step(undone, done));
 
-// In a room the scene is everybody's: room/session.ts leaves it.
+// In a room all share the scene: room/session.ts handles Back there.
 addEventListener("popstate", () => {
   if (!roomId.value) showAddress();
 });
