@@ -12,30 +12,39 @@ type Ended = (error: Error) => void;
 const busy = (retryAfterMs: number) =>
   new RelightError({ code: ErrorCode.ERROR_BUSY, text: "busy", hint: "", retryAfterMs });
 
+interface ViewChange {
+  fields: string[];
+  lights?: { env?: unknown }[];
+}
+
 // A viewer of a daemon whose models all bake; what it watches and cancels.
 function rig(refusals: RelightError[] = []) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
   const watched: string[] = [];
   const cancelled: bigint[] = [];
+  const changes: ViewChange[] = [];
+  const refused: RelightError[] = []; // answers to the changes that follow
   let id = 0n;
+  const request = (type: Type, init: { model: string; state: ViewChange }) => {
+    if (type === Type.ViewSet) changes.push(init.state);
+    const error = type === Type.Info ? refusals.shift() : undefined;
+    const no = type === Type.ViewSet ? refused.shift() : error;
+    if (no) return Promise.reject(no);
+    const message =
+      type === Type.Info
+        ? create(ModelInfoSchema, { model: init.model, state: ModelState.MODEL_BAKING })
+        : {};
+    return Promise.resolve({ message, payload: new Uint8Array(0) });
+  };
   const client = {
     hello: {},
     has: () => false,
     can: () => true,
     notify: () => undefined,
     cancel: (one: bigint) => cancelled.push(one),
-    request: (type: Type, _: unknown, init: { model: string }) =>
-      type === Type.Info && refusals.length
-        ? Promise.reject(refusals.shift() ?? new Error())
-        : type === Type.Info
-          ? Promise.resolve({
-              message: create(ModelInfoSchema, {
-                model: init.model,
-                state: ModelState.MODEL_BAKING,
-              }),
-            })
-          : Promise.resolve({ message: {}, payload: new Uint8Array(0) }),
+    request: (type: Type, _: unknown, init: { model: string; state: ViewChange }) =>
+      request(type, init),
     stream: (type: Type, _: unknown, init: { job: string }, ...[, , ended]: Ended[]) => {
       if (type === Type.Watch) watched.push(init.job);
       if (type === Type.ViewOpen && ended) views.push(ended);
@@ -61,7 +70,7 @@ function rig(refusals: RelightError[] = []) {
     viewer.show({ ...FIRST, model, lamps: [{ ...FIRST_LAMP, env: "constant" }] });
     await new Promise((done) => setTimeout(done, 10));
   };
-  return { viewer, show, watched, cancelled, faults, views };
+  return { viewer, show, watched, cancelled, faults, views, changes, refused };
 }
 
 test("the bake of the model that is shown now is followed", async () => {
@@ -99,4 +108,45 @@ test("a view that a busy daemon ended is opened again, unless it was closed", as
   viewer.close();
   await new Promise((done) => setTimeout(done, 400));
   expect(views.length).toBe(2);
+});
+
+test("a medium that is refused loses neither the lights nor the term sent with it", async () => {
+  const { show, viewer, changes, refused, faults } = rig();
+  await show("a");
+  const no = {
+    code: ErrorCode.ERROR_BAD_REQUEST,
+    text: "no medium",
+    hint: "",
+    retryAfterMs: 0,
+  };
+  refused.push(new RelightError(no));
+  changes.length = 0;
+  const lamps = [{ ...FIRST_LAMP, env: "studio" }];
+  viewer.show({ ...FIRST, model: "a", lamps, material: "{}", term: "multiple" });
+  for (let i = 0; i < 40 && changes.length < 2; i++)
+    await new Promise((done) => setTimeout(done, 100));
+  const [first, second] = changes;
+  expect(first?.fields).toContain("shade.material");
+  expect(faults.map(({ text }) => text)).toEqual(["no medium"]);
+  expect(second?.fields).toContain("lights");
+  expect(second?.fields).toContain("shade.term");
+  expect(second?.fields).not.toContain("shade.material");
+  viewer.close();
+});
+
+test("lights that were refused are sent whole with the next change", async () => {
+  const { show, viewer, changes, refused } = rig();
+  await show("a");
+  const no = { code: ErrorCode.ERROR_NOT_FOUND, text: "no light", hint: "", retryAfterMs: 0 };
+  refused.push(new RelightError(no));
+  changes.length = 0;
+  const lamps = [{ ...FIRST_LAMP, env: "studio" }];
+  const turned = [{ ...FIRST_LAMP, env: "studio", rotate: 30 }];
+  viewer.show({ ...FIRST, model: "a", lamps });
+  await new Promise((done) => setTimeout(done, 2000));
+  expect(changes.length).toBe(1);
+  viewer.show({ ...FIRST, model: "a", lamps: turned });
+  await new Promise((done) => setTimeout(done, 2000));
+  expect(changes[1]?.fields).toContain("lights");
+  viewer.close();
 });

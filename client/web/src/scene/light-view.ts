@@ -26,6 +26,8 @@ export interface ViewChange {
   state: ViewInit;
   fields: string[];
   payload?: Uint8Array;
+  /** Called when the daemon refused it: the view stays as it was before. */
+  refused?: (error: unknown) => void;
 }
 export interface ViewEvents {
   frame: (frame: ViewFrame, payload: Uint8Array, latencyMs: number) => void;
@@ -168,6 +170,7 @@ export class LightView {
           )
           .catch((error: unknown) => {
             this.outstanding = this.outstanding.filter((one) => one.sequence !== sequence);
+            if (!this.closed) change.refused?.(error);
             this.failed(error);
           });
         this.send();

@@ -114,7 +114,8 @@ export class Viewer {
   private readonly client: Client;
   private readonly events: ViewerEvents;
   private state: SceneState | null = null;
-  private sent: SceneState | null = null; // what the view has
+  // What the view has; a term of null is not known.
+  private sent: (Omit<SceneState, "term"> & { term: SceneState["term"] | null }) | null = null;
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
   private mesh: Mesh | null = null;
@@ -136,10 +137,11 @@ export class Viewer {
   private opening = 0; // grows with every opening: answers of an older one are dropped
   private status: Status = NO_STATUS;
   private pictureFrame = 0n;
-  private sentFormat = ColorFormat.COLOR_RGB9E5;
-  private sentRank = 0; // rows of coefficients; 0: all
-  private sentExits = true;
-  private sentCoarse = false;
+  // Options that the view has; undefined: not known.
+  private sentFormat: ColorFormat | undefined;
+  private sentRank: number | undefined; // rows of coefficients; 0: all
+  private sentExits: boolean | undefined;
+  private sentCoarse: boolean | undefined;
   private outgoing: Outgoing[] = []; // of coefficients, and of colours in parts
   private readonly noWebGL: boolean;
 
@@ -581,14 +583,9 @@ export class Viewer {
         fields.push("lights");
       }
     }
-    if (
-      sent.material !== state.material ||
-      !same(sent.materials, state.materials) ||
-      sent.term !== state.term
-    ) {
-      out.shade = this.shade(state);
+    if (sent.material !== state.material || !same(sent.materials, state.materials))
       fields.push("shade.material", "shade.materials", "shade.term");
-    }
+    else if (sent.term !== state.term) fields.push("shade.term");
     if (this.status.mode === "pictures") {
       out.picture = this.picture(state, undefined, LEVELS[level]?.side);
       fields.push("picture");
@@ -622,7 +619,18 @@ export class Viewer {
     this.sent = state;
     if (!fields.length) fields.push("shade.term"); // as it is: the daemon answers with a frame
     if (fields.includes("shade.term")) out.shade = this.shade(state);
-    return payload ? { state: out, fields, payload } : { state: out, fields };
+    const refused = (error: unknown) => this.refused(error, fields);
+    return { state: out, fields, refused, ...(payload ? { payload } : {}) };
+  }
+
+  // The daemon refuses a change whole. What the view has is not known by then, for others follow a
+  // change before its answer: the next change has all, but the medium that was refused.
+  private refused(error: unknown, fields: string[]): void {
+    if (!this.sent || !(error instanceof RelightError)) return;
+    this.sent = { ...this.sent, lamps: [], term: null };
+    this.sentFormat = undefined;
+    this.sentRank = this.sentExits = this.sentCoarse = undefined;
+    if (fields.includes("shade.material") && busyMs(error) === null) this.changed();
   }
 
   private received(

@@ -8,16 +8,15 @@ import type { Participant, SurfacePoint } from "../gen/relight_pb";
 import type { Placed, Vec3 } from "../scene/camera";
 import { facesAway, type Anchor } from "../room/anchor";
 import { anchors, lines } from "../room/anchored";
-import { act } from "../room/edits";
 import { colorOf, css, me, others, state } from "../room/here";
 import { pick, project, type Point } from "../room/pick";
 import { tell } from "../room/presence";
 import { drawn, newPin, openPin, pinLabel, shownPins, tool } from "./review-state";
+import { WIDTH_PX, ownStrokes, sendStroke } from "./strokes";
 import { fault, info, scene, status, viewer } from "./store";
 
 const MOST_POINTS = 2000; // of a stroke
 const STEP_PX = 3;
-const WIDTH_PX = 4;
 
 interface Size {
   w: number;
@@ -42,18 +41,8 @@ function place(event: PointerEvent, box: DOMRect): void {
 }
 
 function finishStroke(): void {
-  const mine = drawn.value;
-  const points = mine.map(({ position: [x, y, z], ...at }) => ({
-    ...at,
-    position: { x, y, z },
-  }));
-  if (points.length > 1)
-    void act({
-      stroke: { points, color: colorOf(me.value), width: WIDTH_PX, pin: openPin.value ?? 0n },
-    }).then(() => {
-      if (drawn.value === mine) drawn.value = []; // else the next one is being drawn
-    });
-  else drawn.value = [];
+  if (drawn.value.length > 1) void sendStroke(drawn.value, openPin.value ?? 0n);
+  drawn.value = [];
 }
 
 // From a press to its end; leaves the surface where it must.
@@ -155,10 +144,13 @@ function runsOf(points: readonly Anchor[], placed: Placed, size: Size) {
 }
 
 function Strokes({ placed, size }: { placed: Placed; size: Size }) {
-  const mine = drawn.value.flatMap(({ position }) => {
-    const at = project(placed, position, size.w, size.h);
-    return at ? [`${at.x.toFixed(1)},${at.y.toFixed(1)}`] : [];
-  });
+  const own = [{ points: drawn.value, refused: false }, ...ownStrokes()].map((stroke) => ({
+    refused: stroke.refused,
+    points: stroke.points.flatMap(({ position }) => {
+      const at = project(placed, position, size.w, size.h);
+      return at ? [`${at.x.toFixed(1)},${at.y.toFixed(1)}`] : [];
+    }),
+  }));
   return (
     <svg class="strokes" aria-hidden="true">
       {lines.value.map(({ stroke, points }) => (
@@ -177,12 +169,17 @@ function Strokes({ placed, size }: { placed: Placed; size: Size }) {
           ))}
         </g>
       ))}
-      {mine.length > 1 && (
-        <polyline
-          points={mine.join(" ")}
-          stroke={css(colorOf(me.value))}
-          stroke-width={WIDTH_PX}
-        />
+      {own.map(
+        ({ points, refused }, i) =>
+          points.length > 1 && (
+            <polyline
+              key={i}
+              points={points.join(" ")}
+              stroke={css(colorOf(me.value))}
+              stroke-width={WIDTH_PX}
+              class={refused ? "refused" : ""}
+            />
+          ),
       )}
     </svg>
   );

@@ -39,6 +39,7 @@ import {
 } from "./review-state";
 import { Revisions, Variants } from "./revisions";
 import { DifferencePicture, Picture, StrokesOver } from "./room-picture";
+import { dropStroke, refusedStrokes, sendAgain } from "./strokes";
 import { client, fault } from "./store";
 
 const isOwn = (stamp: { by: string } | undefined) =>
@@ -81,7 +82,34 @@ function Said({ note }: { note: Note }) {
   );
 }
 
-function Strokes({ strokes }: { strokes: readonly Stroke[] }) {
+function RefusedStrokes({ pin }: { pin: bigint }) {
+  const refused = refusedStrokes(pin);
+  if (!refused.length) return null;
+  return (
+    <p class="hint" role="status">
+      {refused.length === 1
+        ? "1 stroke was not saved."
+        : `${refused.length} strokes were not saved.`}{" "}
+      <button type="button" class="quiet" onClick={() => refused.forEach(sendAgain)}>
+        Send again
+      </button>{" "}
+      <button type="button" class="quiet" onClick={() => refused.forEach(dropStroke)}>
+        Drop
+      </button>
+    </p>
+  );
+}
+
+function Strokes({ pin }: { pin: bigint }) {
+  return (
+    <>
+      <DrawnStrokes strokes={strokesOf(pin)} />
+      <RefusedStrokes pin={pin} />
+    </>
+  );
+}
+
+function DrawnStrokes({ strokes }: { strokes: readonly Stroke[] }) {
   const own = strokes.filter((stroke) => isOwn(stroke.stamp));
   if (!strokes.length) return null;
   return (
@@ -196,7 +224,7 @@ function Thread({ pin }: { pin: Pin }) {
           {words}
         </p>
       )}
-      <Strokes strokes={strokesOf(number)} />
+      <Strokes pin={number} />
       <ul>
         {pin.notes.map((note) => (
           <Said key={String(numberOf(note))} note={note} />
@@ -442,7 +470,7 @@ export function ReviewPanel() {
           ))}
           {!pins.length && <li class="hint">No pin is here. P and a click place one.</li>}
         </ul>
-        <Strokes strokes={strokesOf(0n)} />
+        <Strokes pin={0n} />
         <button type="button" class="quiet" onClick={markRead}>
           Mark all as read
         </button>
