@@ -5,21 +5,16 @@
 // lines: for each change of the state one function decides what the daemon computes and what is
 // drawn here.
 import {
-  CancelJobAnswerSchema,
-  CancelJobRequestSchema,
   ColorFormat,
   Engine,
   FactorsAnswerSchema,
   FactorsRequestSchema,
   ImageAnswerSchema,
-  ImageFormat,
+  type ImageFormat,
   ImageRequestSchema,
   InfoRequestSchema,
-  JobState,
   ModelInfoSchema,
   ModelState,
-  ProgressSchema,
-  WatchRequestSchema,
   type ColorsAnswer,
   type Cost,
   type ModelInfo,
@@ -40,15 +35,17 @@ import { RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { meanTransmittance, parseMedium, surfaceOf } from "../state/material";
 import { TONES, type SceneState } from "../state/scene-state";
-import { frameOfBox, place, type Frame, type Placed, type Vec3 } from "./camera";
+import { frameOfBox, place, type Frame, type Placed } from "./camera";
+import { BakeWatch } from "./bake-watch";
 import type { Mesh } from "./geometry";
 import { LightView, type ViewChange, type ViewInit } from "./light-view";
 import { LEVELS, MOST_DELAY_MS, MOST_OUTSTANDING } from "./pace";
-import { lampsOf, lightMessages, onlyTurned } from "./lights";
+import { lampsOf, lightMessages } from "./lights";
 import type { CoarseOrder, expanded } from "./coarse-order";
 import type { Factors } from "./factors";
 import { fetchImages, fetchMesh, type MeshSource } from "./mesh-source";
 import type { Stage } from "./stage";
+import { Told, isCoefficients, pictureOf, same, shadeOf, type Wanted } from "./view-change";
 
 export interface Status {
   /** mesh: drawn here; pictures: drawn by the daemon. */
@@ -95,16 +92,6 @@ const ENGINES: Record<number, string> = {
   [Engine.TEXTURE]: "texture",
   [Engine.HYBRID]: "hybrid",
 };
-const vec = (v: Vec3) => ({ x: v[0], y: v[1], z: v[2] });
-const same = (a: unknown, b: unknown) => a === b || JSON.stringify(a) === JSON.stringify(b);
-
-/** Whether frames are coefficients, in either of their formats. */
-function isCoefficients(format: ColorFormat | undefined): boolean {
-  return (
-    format === ColorFormat.COLOR_COEFFICIENTS ||
-    format === ColorFormat.COLOR_COEFFICIENTS_PACKED
-  );
-}
 
 export class Viewer {
   readonly canvas: HTMLCanvasElement;
@@ -114,8 +101,7 @@ export class Viewer {
   private readonly client: Client;
   private readonly events: ViewerEvents;
   private state: SceneState | null = null;
-  // What the view has; a term of null is not known.
-  private sent: (Omit<SceneState, "term"> & { term: SceneState["term"] | null }) | null = null;
+  private told: Told | null = null; // of the view
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
   private mesh: Mesh | null = null;
@@ -132,16 +118,11 @@ export class Viewer {
   private ordering = false; // it is on the way, or there is none
   private frame: Frame | null = null;
   private view: LightView | null = null;
-  private watch = 0n;
-  private watched = ""; // its model
+  // The model is opened anew when its bake is done. The picture stays until the first colours are there.
+  private readonly bake: BakeWatch;
   private opening = 0; // grows with every opening: answers of an older one are dropped
   private status: Status = NO_STATUS;
   private pictureFrame = 0n;
-  // Options that the view has; undefined: not known.
-  private sentFormat: ColorFormat | undefined;
-  private sentRank: number | undefined; // rows of coefficients; 0: all
-  private sentExits: boolean | undefined;
-  private sentCoarse: boolean | undefined;
   private outgoing: Outgoing[] = []; // of coefficients, and of colours in parts
   private readonly noWebGL: boolean;
 
@@ -157,6 +138,10 @@ export class Viewer {
     this.stage = stage;
     this.noWebGL = stage === null;
     this.events = events;
+    this.bake = new BakeWatch(client, {
+      progress: (progress) => this.setStatus({ ...this.status, progress }),
+      ended: () => void this.open(),
+    });
   }
 
   // ---- the state
@@ -327,7 +312,7 @@ export class Viewer {
       this.frameBox(info);
       if (this.stage && baked) await this.openMesh(info, current);
       else await this.openView(info, false, current);
-      if (current()) this.follow(info);
+      if (current()) this.bake.follow(info);
       if (current()) this.events.fine();
     } catch (error) {
       if (current()) this.failed(error);
@@ -433,7 +418,7 @@ export class Viewer {
     }
     if (!current()) return;
     this.awaitsFactors = false;
-    if (this.state && this.format(this.state) !== this.sentFormat) this.changed();
+    if (this.state && this.format(this.state) !== this.told?.format) this.changed();
   }
 
   /** Colours or coefficients, for a comparison; coefficients where the daemon has them. */
@@ -476,24 +461,14 @@ export class Viewer {
     if (!state) return;
     const { lights, payload } = await lightMessages(this.client, state.lamps);
     if (!current()) return;
+    const wanted = this.wanted(state, !colors, 0);
     const first: ViewInit = {
       lights,
-      shade: this.shade(state),
-      options: {
-        colorFormat: this.format(state),
-        phases: true,
-        exits: true,
-        coarse: this.order !== null,
-        window: MOST_OUTSTANDING,
-        maxFps: 60,
-      },
-      ...(colors ? {} : { picture: this.picture(state) }),
+      shade: shadeOf(state),
+      options: { ...wanted.options, phases: true, window: MOST_OUTSTANDING, maxFps: 60 },
+      ...(wanted.picture ? { picture: wanted.picture } : {}),
     };
-    this.sent = state;
-    this.sentFormat = this.format(state);
-    this.sentRank = 0;
-    this.sentExits = true;
-    this.sentCoarse = this.order !== null;
+    this.told = new Told(wanted);
     const why = colors
       ? ""
       : this.noWebGL
@@ -505,57 +480,36 @@ export class Viewer {
       frame: (frame, bytes, latency) => this.received(frame, bytes, latency, colors, why),
       error: (error) => this.failed(error),
     });
-    const levels = !colors || isCoefficients(this.sentFormat);
-    this.view.useLevels(levels);
+    this.view.useLevels(!colors || isCoefficients(wanted.options.colorFormat));
     this.update(state);
   }
 
   private closeView(): void {
     this.view?.close();
     this.view = null;
-    this.sent = null;
+    this.told = null;
   }
 
   // ---- colours and pictures of the daemon
 
-  private shade(state: SceneState) {
-    const materials = Object.entries(state.materials).map(([object, material]) => ({
-      object,
-      material,
-    }));
-    return {
-      term: termOf(state),
-      material: state.material,
-      materials,
-      variant: state.variant,
-    };
-  }
-
-  private picture(
-    state: SceneState,
-    size?: { width: number; height: number },
-    share = 1, // of the screen's resolution
-  ) {
-    const placed = this.placed(state);
+  // Pixels of the picture that is shown, at a share of its resolution.
+  private pictureSize(share = 1): { width: number; height: number } {
     const shown = this.stage && !this.noWebGL ? this.canvas : this.pictureCanvas;
     const ratio = share * Math.min(globalThis.devicePixelRatio || 1, 1.5);
-    return {
-      width: size?.width ?? Math.max(16, Math.min(1600, Math.round(shown.clientWidth * ratio))),
-      height:
-        size?.height ?? Math.max(16, Math.min(1600, Math.round(shown.clientHeight * ratio))),
-      camera: {
-        eye: vec(placed.eye),
-        target: vec(placed.target),
-        up: vec(placed.up),
-        fovyDeg: placed.fovyDeg,
-      },
-      format: ImageFormat.IMAGE_JPEG,
-      quality: 88,
-      tone: TONES.indexOf(state.tone),
-      exposureEv: state.exposure,
-      plainBackground: state.background !== "environment",
-      background: state.background === "environment" ? undefined : vec(state.background),
-    };
+    const side = (length: number) => Math.max(16, Math.min(1600, Math.round(length * ratio)));
+    return { width: side(shown.clientWidth), height: side(shown.clientHeight) };
+  }
+
+  // All that the view is asked for in a state, in frames of a level.
+  private wanted(state: SceneState, pictures: boolean, level: number): Wanted {
+    const { rank = 0, side } = LEVELS[level] ?? {};
+    const size = this.pictureSize(side);
+    const colorFormat = this.format(state);
+    const mostRank = isCoefficients(colorFormat) ? rank : 0;
+    // Planes of exit are most of the coefficients: coarse frames are without them.
+    const options = { colorFormat, mostRank, exits: !mostRank, coarse: this.order !== null };
+    const picture = pictures ? pictureOf(state, this.placed(state), size) : null;
+    return { state, picture, options };
   }
 
   private changed(): void {
@@ -564,73 +518,14 @@ export class Viewer {
 
   // What differs between the state and the view, in as few bytes as it takes.
   private async change(level: number): Promise<ViewChange> {
-    const { state, sent } = this;
-    if (!state || !sent) return { state: {}, fields: ["shade.term"] };
-    const fields: string[] = [];
-    const out: ViewInit = {};
-    let payload: Uint8Array | undefined;
-    if (!same(sent.lamps, state.lamps)) {
-      if (onlyTurned(sent.lamps, state.lamps)) {
-        out.lights = state.lamps.map((lamp) => ({
-          rotateDeg: lamp.rotate,
-          gain: vec(lamp.gain),
-        }));
-        fields.push("lights.rotate_deg", "lights.gain");
-      } else {
-        const made = await lightMessages(this.client, state.lamps);
-        out.lights = made.lights;
-        payload = made.payload;
-        fields.push("lights");
-      }
-    }
-    if (sent.material !== state.material || !same(sent.materials, state.materials))
-      fields.push("shade.material", "shade.materials", "shade.term");
-    else if (sent.term !== state.term) fields.push("shade.term");
-    if (this.status.mode === "pictures") {
-      out.picture = this.picture(state, undefined, LEVELS[level]?.side);
-      fields.push("picture");
-    }
-    const format = this.format(state);
-    if (this.status.mode !== "pictures" && format !== this.sentFormat) {
-      out.options = { colorFormat: format };
-      fields.push("options.color_format");
-      this.sentFormat = format;
-      this.view?.useLevels(isCoefficients(format));
-    }
-    const rank = isCoefficients(format) ? (LEVELS[level]?.rank ?? 0) : 0;
-    if (this.status.mode !== "pictures" && rank !== this.sentRank) {
-      out.options = { ...out.options, mostRank: rank };
-      fields.push("options.most_rank");
-      this.sentRank = rank;
-    }
-    // Planes of exit are most of the coefficients: coarse frames are without them.
-    const exits = !rank;
-    if (this.status.mode !== "pictures" && exits !== this.sentExits) {
-      out.options = { ...out.options, exits };
-      fields.push("options.exits");
-      this.sentExits = exits;
-    }
-    const coarse = this.order !== null;
-    if (this.status.mode !== "pictures" && coarse !== this.sentCoarse) {
-      out.options = { ...out.options, coarse };
-      fields.push("options.coarse");
-      this.sentCoarse = coarse;
-    }
-    this.sent = state;
-    if (!fields.length) fields.push("shade.term"); // as it is: the daemon answers with a frame
-    if (fields.includes("shade.term")) out.shade = this.shade(state);
-    const refused = (error: unknown) => this.refused(error, fields);
-    return { state: out, fields, refused, ...(payload ? { payload } : {}) };
-  }
-
-  // The daemon refuses a change whole. What the view has is not known by then, for others follow a
-  // change before its answer: the next change has all, but the medium that was refused.
-  private refused(error: unknown, fields: string[]): void {
-    if (!this.sent || !(error instanceof RelightError)) return;
-    this.sent = { ...this.sent, lamps: [], term: null };
-    this.sentFormat = undefined;
-    this.sentRank = this.sentExits = this.sentCoarse = undefined;
-    if (fields.includes("shade.material") && busyMs(error) === null) this.changed();
+    const { state, told } = this;
+    if (!state || !told) return { state: {}, fields: ["shade.term"] };
+    const wanted = this.wanted(state, this.status.mode === "pictures", level);
+    if (!wanted.picture && wanted.options.colorFormat !== told.format)
+      this.view?.useLevels(isCoefficients(wanted.options.colorFormat));
+    return told.change(this.client, wanted, () => {
+      if (told === this.told) this.changed();
+    });
   }
 
   private received(
@@ -746,51 +641,9 @@ export class Viewer {
 
   // ---- the bake
 
-  // Follows a bake, and opens the model anew when it is done. The picture stays until the first
-  // colours are there.
-  private follow(info: ModelInfo): void {
-    if (this.watch && this.watched !== info.model) {
-      this.endWatch();
-      this.setStatus({ ...this.status, progress: null });
-    }
-    if (
-      this.watch ||
-      (info.state !== ModelState.MODEL_BAKING && info.state !== ModelState.MODEL_RECEIVED)
-    )
-      return;
-    const model = info.model;
-    this.watched = model;
-    const mine = (this.watch = this.client.stream(
-      Type.Watch,
-      WatchRequestSchema,
-      { job: model },
-      ProgressSchema,
-      ({ message }) => {
-        if (this.info?.model !== model) return;
-        const ended = message.state >= JobState.JOB_DONE;
-        this.setStatus({ ...this.status, progress: ended ? null : message });
-      },
-      () => {
-        if (this.watch !== mine) return;
-        this.watch = 0n;
-        if (this.info?.model === model && this.client.hello) void this.open();
-      },
-    ));
-  }
-  private endWatch(): void {
-    if (this.watch) this.client.cancel(this.watch);
-    this.watch = 0n;
-  }
-
   async cancelBake(): Promise<void> {
     const job = this.status.progress?.job;
-    if (!job) return;
-    await this.client.request(
-      Type.CancelJob,
-      CancelJobRequestSchema,
-      { job },
-      CancelJobAnswerSchema,
-    );
+    if (job) await this.bake.cancel(job);
   }
 
   // ---- pictures of the daemon
@@ -803,11 +656,12 @@ export class Viewer {
   ): Promise<{ bytes: Uint8Array; width: number; height: number }> {
     if (!state) throw new Error("no model is shown");
     const { lights, payload } = await lightMessages(this.client, state.lamps);
-    const picture = { ...this.picture(state, size), format, quality: 92, samples: 8 };
+    const drawn = pictureOf(state, this.placed(state), size ?? this.pictureSize());
+    const picture = { ...drawn, format, quality: 92, samples: 8 };
     const answer = await this.client.request(
       Type.Image,
       ImageRequestSchema,
-      { model: this.info?.model ?? state.model, lights, shade: this.shade(state), picture },
+      { model: this.info?.model ?? state.model, lights, shade: shadeOf(state), picture },
       ImageAnswerSchema,
       payload,
     );
@@ -840,15 +694,11 @@ export class Viewer {
   close(): void {
     this.opening++;
     this.closeView();
-    this.endWatch();
+    this.bake.close();
     this.factors?.dispose();
     this.factors = null;
     this.stage?.dispose();
   }
-}
-
-function termOf(state: SceneState): number {
-  return { total: 0, irradiance: 1, multiple: 2, single: 3 }[state.term];
 }
 
 function costOf(cost: Cost | undefined): Partial<Status> {

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+// Follows the bake of the model that is shown, one at a time.
+import {
+  CancelJobAnswerSchema,
+  CancelJobRequestSchema,
+  JobState,
+  ModelState,
+  ProgressSchema,
+  WatchRequestSchema,
+  type ModelInfo,
+  type Progress,
+} from "../gen/relight_pb";
+import type { Client } from "../protocol/client";
+import { Type } from "../protocol/frame";
+
+const bakes = ({ state }: ModelInfo) =>
+  state === ModelState.MODEL_BAKING || state === ModelState.MODEL_RECEIVED;
+
+export interface BakeEvents {
+  /** How far the bake is; null: none is under way. */
+  progress: (progress: Progress | null) => void;
+  ended: () => void;
+}
+
+export class BakeWatch {
+  private readonly client: Client;
+  private readonly events: BakeEvents;
+  private request = 0n; // 0: nothing is followed
+  private model = "";
+
+  constructor(client: Client, events: BakeEvents) {
+    this.client = client;
+    this.events = events;
+  }
+
+  /** Follows the bake of a model, if it has one, and no longer that of another. */
+  follow(info: ModelInfo): void {
+    if (this.request && this.model !== info.model) {
+      this.close();
+      this.events.progress(null);
+    }
+    if (this.request || !bakes(info)) return;
+    this.model = info.model;
+    const mine = (this.request = this.client.stream(
+      Type.Watch,
+      WatchRequestSchema,
+      { job: info.model },
+      ProgressSchema,
+      ({ message }) => {
+        const ended = message.state >= JobState.JOB_DONE;
+        if (this.request === mine) this.events.progress(ended ? null : message);
+      },
+      () => {
+        if (this.request !== mine) return;
+        this.request = 0n;
+        if (this.client.hello) this.events.ended();
+      },
+    ));
+  }
+
+  async cancel(job: string): Promise<void> {
+    await this.client.request(
+      Type.CancelJob,
+      CancelJobRequestSchema,
+      { job },
+      CancelJobAnswerSchema,
+    );
+  }
+
+  close(): void {
+    if (this.request) this.client.cancel(this.request);
+    this.request = 0n;
+  }
+}
