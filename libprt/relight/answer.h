@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Shared by answer.c, basis_cache.c, coefficients.c, contracted_light.c, contracted_material.c,
-// fold_material.c and sum_tensors.c.
+// Shared by answer.c and its parts, basis_cache.c, coefficients.c, contracted_light.c,
+// contracted_material.c, fold_material.c and sum_tensors.c.
 #ifndef PRT_RELIGHT_ANSWER_H
 #define PRT_RELIGHT_ANSWER_H
 
