@@ -66,46 +66,14 @@ enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
 #define UPLOAD SCOPE_UPLOAD
 #define ADMIN SCOPE_ADMIN
 
-// Each row is named after its request's message in frame.h's list: a type without a row does
-// not compile.
-#define ROW(message, ...) static const struct operation message = {__VA_ARGS__};
-ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS | GUEST, 0, 0, NULL)
-ROW(ping_request, op_ping, DRAINING | ALWAYS | GUEST, 0, MAX_PING, NULL)
-ROW(list_request, op_list, 0, VIEW, 0, NULL)
-ROW(put_blob_request, op_put_blob, 0, UPLOAD, ANY, NULL)
-ROW(env_request, op_env, GUEST, VIEW, 0, NULL)
-ROW(load_request, models_load, 0, UPLOAD, 0, load_materials)
-ROW(watch_request, op_watch, LONG, VIEW, 0, NULL)
-ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, EDIT, 0, NULL)
-ROW(cancel_request, op_cancel, DRAINING | ALWAYS | GUEST, 0, 0, NULL)
-ROW(info_request, op_info, GUEST, VIEW, 0, NULL)
-ROW(geometry_request, op_geometry, GUEST, VIEW, 0, NULL)
-ROW(colors_request, op_colors, GUEST, VIEW, ANY, colors_materials)
-ROW(image_request, op_image, GUEST, VIEW, ANY, image_materials)
-ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED | GUEST, VIEW, ANY,
-    view_open_materials)
-ROW(view_set_request, op_view_set, ORDERED | GUEST, VIEW, ANY, view_set_materials)
-ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED | GUEST, 0, 0, NULL)
-ROW(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)
-ROW(unload_request, op_unload, 0, EDIT, 0, NULL)
-ROW(stats_request, op_stats, DRAINING, VIEW, 0, NULL)
-ROW(subscribe_request, op_subscribe, LONG | ENDS | GUEST, VIEW, 0, NULL)
-ROW(token_create_request, op_token_create, 0, ADMIN, 0, NULL)
-ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
-ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
-ROW(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)
-ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
-ROW(factors_request, op_factors, GUEST, VIEW, 0, NULL)
-ROW(material_request, op_material, GUEST, VIEW, 0, own_material)
-ROW(room_create_request, op_room_create, 0, EDIT, 0, NULL)
-ROW(room_list_request, op_room_list, GUEST, VIEW, 0, NULL)
-ROW(room_get_request, op_room_get, GUEST, VIEW, 0, NULL)
-ROW(room_edit_request, op_room_edit, GUEST, VIEW, 0, NULL)
-ROW(room_picture_request, op_room_picture, GUEST, VIEW, 0, NULL)
-ROW(room_presence_request, NULL, ALWAYS, 0, 0, NULL, take_room_presence)
-ROW(room_backup_request, op_room_backup, 0, ADMIN, 0, NULL)
-ROW(sign_request, op_sign, 0, VIEW, 0, NULL)
-ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
+// A type without a row does not compile.
+#define X(message, ...) static const struct operation message = {__VA_ARGS__};
+OPERATION_LIST(X)
+#undef X
+#define X(message, take, flags) \
+    static const struct operation message = {NULL, flags, 0, 0, NULL, take};
+ONE_WAY_LIST(X)
+#undef X
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
 #define X(name, number, request, answer) [number] = &(request),

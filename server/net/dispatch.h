@@ -57,43 +57,60 @@ struct operation {
 /* NULL for an unknown type. */
 const struct operation *operation_of(uint16_t type);
 
-/* op_basic.c, op_jobs.c, op_evaluate.c, op_events.c, op_view.c, op_update_vertices.c: one
- * function an operation; models_load is store/models.h's. */
-void op_hello(struct request *request);
-void op_ping(struct request *request);
-void op_list(struct request *request);
-void op_put_blob(struct request *request);
-void op_env(struct request *request);
-void op_watch(struct request *request);
-void op_cancel_job(struct request *request);
-void op_cancel(struct request *request);
-void op_info(struct request *request);
-void op_geometry(struct request *request);
-void op_factors(struct request *request);
-void op_sign(struct request *request);
-void op_colors(struct request *request);
-void op_image(struct request *request);
-void op_view_open(struct request *request);
-void op_view_set(struct request *request);
-void op_view_close(struct request *request);
-void op_update_vertices(struct request *request);
-void op_unload(struct request *request);
-void op_stats(struct request *request);
-void op_token_create(struct request *request);
-void op_token_list(struct request *request);
-void op_token_revoke(struct request *request);
-void op_subscribe(struct request *request);
-void op_get_blob(struct request *request);
-void op_put_pose(struct request *request);
-void op_material(struct request *request);
-void op_room_create(struct request *request);
-void op_room_list(struct request *request);
-void op_room_get(struct request *request);
-void op_room_edit(struct request *request);
-void op_room_picture(struct request *request);
-void op_room_backup(struct request *request);
+/* Every operation: its request's message as frame.h's list names it, the function that
+ * runs it, its flags (enum operation_flag without OPERATION_), the scopes that its caller needs
+ * (enum access_scope without SCOPE_; 0: none), its largest payload in bytes (0: none; a larger
+ * one is answered with LIMIT), and the function of dispatch.c that adds the texts of the
+ * materials that its message names (NULL: it names none). */
+#define OPERATION_LIST(X)                                                                 \
+    X(hello_request, op_hello, BEFORE_HELLO | ALWAYS | GUEST, 0, 0, NULL)                 \
+    X(ping_request, op_ping, DRAINING | ALWAYS | GUEST, 0, MAX_PING, NULL)                \
+    X(list_request, op_list, 0, VIEW, 0, NULL)                                            \
+    X(put_blob_request, op_put_blob, 0, UPLOAD, ANY, NULL)                                \
+    X(env_request, op_env, GUEST, VIEW, 0, NULL)                                          \
+    X(load_request, models_load, 0, UPLOAD, 0, load_materials)                            \
+    X(watch_request, op_watch, LONG, VIEW, 0, NULL)                                       \
+    X(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, EDIT, 0, NULL)                \
+    X(cancel_request, op_cancel, DRAINING | ALWAYS | GUEST, 0, 0, NULL)                   \
+    X(info_request, op_info, GUEST, VIEW, 0, NULL)                                        \
+    X(geometry_request, op_geometry, GUEST, VIEW, 0, NULL)                                \
+    X(colors_request, op_colors, GUEST, VIEW, ANY, colors_materials)                      \
+    X(image_request, op_image, GUEST, VIEW, ANY, image_materials)                         \
+    X(view_open_request, op_view_open, LONG | ENDS | ORDERED | GUEST, VIEW, ANY,          \
+      view_open_materials)                                                                \
+    X(view_set_request, op_view_set, ORDERED | GUEST, VIEW, ANY, view_set_materials)      \
+    X(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED | GUEST, 0, 0, NULL) \
+    X(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)                    \
+    X(unload_request, op_unload, 0, EDIT, 0, NULL)                                        \
+    X(stats_request, op_stats, DRAINING, VIEW, 0, NULL)                                   \
+    X(subscribe_request, op_subscribe, LONG | ENDS | GUEST, VIEW, 0, NULL)                \
+    X(token_create_request, op_token_create, 0, ADMIN, 0, NULL)                           \
+    X(token_list_request, op_token_list, 0, ADMIN, 0, NULL)                               \
+    X(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)                           \
+    X(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)                                    \
+    X(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)                                  \
+    X(factors_request, op_factors, GUEST, VIEW, 0, NULL)                                  \
+    X(material_request, op_material, GUEST, VIEW, 0, own_material)                        \
+    X(room_create_request, op_room_create, 0, EDIT, 0, NULL)                              \
+    X(room_list_request, op_room_list, GUEST, VIEW, 0, NULL)                              \
+    X(room_get_request, op_room_get, GUEST, VIEW, 0, NULL)                                \
+    X(room_edit_request, op_room_edit, GUEST, VIEW, 0, NULL)                              \
+    X(room_picture_request, op_room_picture, GUEST, VIEW, 0, NULL)                        \
+    X(room_backup_request, op_room_backup, 0, ADMIN, 0, NULL)                             \
+    X(sign_request, op_sign, 0, VIEW, 0, NULL)
+
+/* One-way types: message, function, flags. No request is created and nothing is answered. */
+#define ONE_WAY_LIST(X)                                  \
+    X(room_presence_request, take_room_presence, ALWAYS) \
+    X(view_ack, take_view_ack, ALWAYS)
+
+#define X(message, run, ...) void run(struct request *request);
+OPERATION_LIST(X)
+#undef X
+#define X(message, take, flags) \
+    void take(struct connection *conn, const ProtobufCMessage *header);
+ONE_WAY_LIST(X)
+#undef X
 void room_subscribe(struct request *request); /* SUBSCRIBE with `room` */
-void take_room_presence(struct connection *conn, const ProtobufCMessage *message);
-void take_view_ack(struct connection *conn, const ProtobufCMessage *message);
 
 #endif

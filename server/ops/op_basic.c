@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// HELLO, PING, LIST, INFO, GEOMETRY, UNLOAD and STATS.
+// What a client asks first: who the daemon is and what it holds.
 #include "ops/geometry_textures.h"
 #include "net/replicas.h"
 #include "net/dispatch.h"

@@ -192,8 +192,6 @@ void model_supersede(struct model *model, struct model *next);
 void model_hold(struct model *model);
 void model_release(struct model *model);
 
-struct request;
-void models_load(struct request *request);
 /* At start, after models_create: the bakes that the daemon's end interrupted go on. */
 void models_resume_bakes(struct models *models);
 /* Releases memory; `forget` also deletes the bake and the entry. Returns bytes freed. */

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
-// A random request of a random type.
+// A random request of a random type. Types with a function here name what is there; one of
+// eight requests has fields that mean nothing.
+#include "any_fields.h"
 #include "messages.h"
 
 #include <stdlib.h>
@@ -199,6 +201,30 @@ static void any_stats(struct world *world, uint64_t id, uint64_t other, struct b
 // `other`: the id of another request, or a number of a room.
 typedef void (*any_fn)(struct world *world, uint64_t id, uint64_t other, struct bytes *out);
 
+// A request of any type of frame.h, also of those without a function here.
+static uint16_t of_any_type(struct world *world, uint64_t id, struct bytes *out)
+{
+    static const struct {
+        uint16_t type;
+        bool answered;
+    } all[] = {
+#define X(name, number, request, answer) {number, sizeof #answer != sizeof "nothing"},
+        RELIGHT_TYPE_LIST(X)
+#undef X
+    };
+    struct rnd *r = world->rnd;
+    const size_t at = rnd(r, sizeof all / sizeof *all);
+    const uint16_t type = all[at].type;
+    const bool answered = all[at].answered;
+    const size_t n = answered && rnd_chance(r, 2) ? rnd(r, sizeof world->blob->bytes) : 0;
+    ProtobufCMessage *message = any_fields(r, relight_type_message(type));
+    if (!message) abort();
+    message_emit(world, type, answered ? id : 0, message, n ? world->blob->bytes : NULL, n,
+                 out);
+    protobuf_c_message_free_unpacked(message, NULL);
+    return type;
+}
+
 uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct bytes *out)
 {
     // Twice or more where much state hangs on it; without a function: a room's.
@@ -257,6 +283,7 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         {RELIGHT_TYPE_MATERIAL, NULL},
     };
     struct rnd *r = world->rnd;
+    if (rnd_chance(r, 8)) return of_any_type(world, id, out);
     const size_t n = rnd(r, sizeof any / sizeof *any);
     uint64_t other = 1 + rnd(r, ids);
     if (any[n].add) any[n].add(world, id, other, out);

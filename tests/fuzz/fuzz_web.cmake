@@ -1,7 +1,7 @@
 include(${CMAKE_CURRENT_LIST_DIR}/_instrumented.cmake)
 prt_checked_program(relightd_checked SOURCES ${CMAKE_SOURCE_DIR}/server/core/main.c
   ROOMS relightd_rooms relight_proto prt_base prt_medium)
-prt_checked_program(fuzz_web SOURCES fuzz/fuzz_web.c fuzz/messages.c fuzz/any_message.c fuzz/world.c fuzz/room_messages.c
+prt_checked_program(fuzz_web SOURCES fuzz/fuzz_web.c fuzz/messages.c fuzz/any_message.c fuzz/any_fields.c fuzz/world.c fuzz/room_messages.c
     ${CMAKE_SOURCE_DIR}/libprt/tools/bench/synthetic.c
   ROOMS relight_proto LIBS prt_transport)
 target_include_directories(fuzz_web PRIVATE ${CMAKE_SOURCE_DIR}/libprt/tools/bench)

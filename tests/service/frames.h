@@ -124,12 +124,19 @@ static inline struct frames_answer frames_wait(struct frames *f, uint64_t id)
     return a;
 }
 
-static inline void frames_add_hello(struct frames *f, const char *client)
+// token: its text; NULL: the user of the socket.
+static inline void frames_add_hello_as(struct frames *f, const char *client, const char *token)
 {
     Relight__HelloRequest hello = RELIGHT__HELLO_REQUEST__INIT;
     hello.client = (char *)client;
+    if (token) hello.token = (char *)token;
     hello.version_min = hello.version_max = RELIGHT_PROTOCOL_VERSION;
     frames_add(f, RELIGHT_TYPE_HELLO, 1, &hello.base, NULL, 0);
+}
+
+static inline void frames_add_hello(struct frames *f, const char *client)
+{
+    frames_add_hello_as(f, client, NULL);
 }
 
 // Connected, without HELLO.
@@ -143,13 +150,18 @@ static inline struct frames *frames_connect(const struct daemon *d)
     return f;
 }
 
-static inline struct frames *frames_open(const struct daemon *d)
+static inline struct frames *frames_open_as(const struct daemon *d, const char *token)
 {
     struct frames *f = frames_connect(d);
-    frames_add_hello(f, "frames");
+    frames_add_hello_as(f, "frames", token);
     frames_send(f);
     assert_int_equal(frames_wait(f, 1).code, 0);
     return f;
+}
+
+static inline struct frames *frames_open(const struct daemon *d)
+{
+    return frames_open_as(d, NULL);
 }
 
 static inline void frames_close(struct frames *f)

@@ -2,7 +2,9 @@
 // The exchange that proto/vectors shows: hello, an upload, a load with progress, colours of an
 // inline light, a picture, a view, an error, a payload in two frames.
 #include "proto_vectors.h"
+#include "any_fields.h"
 
+#include <ctype.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -559,6 +561,45 @@ static unsigned add_endings(struct vector *out, unsigned n)
     return n;
 }
 
+static bool has_vector(const struct vector *out, unsigned n, uint16_t type)
+{
+    for (unsigned i = 0; i < n; i++)
+        if (out[i].frame.type == type) return true;
+    return false;
+}
+
+// Types that no function here describes: their request and answer with any fields. They live as
+// long as the program.
+static unsigned add_rest(struct vector *out, unsigned n)
+{
+    static const struct {
+        uint16_t type;
+        bool answered;
+    } all[] = {
+#define X(name, number, request, answer) {number, sizeof #answer != sizeof "nothing"},
+        RELIGHT_TYPE_LIST(X)
+#undef X
+    };
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+        const uint16_t type = all[i].type;
+        struct rnd rnd;
+        if (has_vector(out, n, type)) continue;
+        rnd_seed(&rnd, type);
+        const ProtobufCMessage *request = any_fields(&rnd, relight_type_message(type)),
+                               *answer =
+                                   all[i].answered
+                                       ? any_fields(&rnd, relight_type_message(type | ANSWER))
+                                       : NULL;
+        char *name = strdup(relight_type_name(type));
+        for (char *c = name; *c; c++) *c = (char)tolower(*c);
+        if (answer)
+            n = vector_exchange(out, n, name, type, 1000u + type, "C: any fields", request,
+                                "S: any fields", answer);
+        else n = add(out, n, name, "C: any fields, one-way", type, LAST, 0, request, NULL, 0);
+    }
+    return n;
+}
+
 unsigned vectors_make(struct vector out[MAX_VECTOR])
 {
     for (unsigned i = 0; i < sizeof blob; i++) blob[i] = (uint8_t)i;
@@ -582,5 +623,6 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     n = add_coefficients(out, n);
     n = vectors_add_link(out, n);
     n = vectors_add_viewers(out, n);
-    return vectors_add_rooms(out, n);
+    n = vectors_add_rooms(out, n);
+    return add_rest(out, n);
 }

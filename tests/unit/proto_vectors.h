@@ -15,7 +15,7 @@ struct vector {
     const uint8_t *payload;
 };
 
-enum { MAX_VECTOR = 96 };
+enum { MAX_VECTOR = 128 };
 /* Fills vectors (static storage) and returns how many. */
 unsigned vectors_make(struct vector out[MAX_VECTOR]);
 /* Adds one behind n; returns n + 1. */

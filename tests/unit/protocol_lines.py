@@ -1,20 +1,51 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Lines of PROTOCOL.md have at most 140 characters, and its table names every type of frame.h with
-its number.  tests/unit/protocol_lines.py SOURCE_DIR"""
+"""Lines of PROTOCOL.md have at most 140 characters. Its table has every type of frame.h with its number
+and messages, and the scope that the type's row in dispatch.h asks for.
+tests/unit/protocol_lines.py SOURCE_DIR"""
 import re
 import sys
 
-source = sys.argv[1]
-text = open(source + '/proto/PROTOCOL.md', encoding='utf-8').read()
-header = open(source + '/proto/frame.h', encoding='utf-8').read()
+AGAIN = ('–', 'safe', 'same', 'done', 'see §3')
+
+
+def read(name):
+    return open('%s/%s' % (sys.argv[1], name), encoding='utf-8').read()
+
+
+def camel(message):
+    return ''.join(word.capitalize() for word in message.split('_'))
+
+
+def scopes():
+    """The scope of each message, as PROTOCOL.md writes it."""
+    rows = re.findall(r'X\((\w+),\s+\w+,\s+[\w |]+,\s+(\w+),\s+\w+,\s+\w+\)', read('server/net/dispatch.h').replace('\\\n', ''))
+    return {message: '–' if scope == '0' else '`%s`' % scope.lower() for message, scope in rows}
+
+
+def faults_of_row(name, request, answer, scope, row):
+    if camel(request) not in row[3] or answer != 'nothing' and camel(answer) not in row[3]:
+        yield '%s: its messages are %s and %s' % (name, camel(request), camel(answer))
+    if not row[6].startswith(scope):
+        yield '%s needs the scope %s, the table says %s' % (name, scope, row[6])
+    if row[7] not in AGAIN:
+        yield '%s: the column "again" is %s, not one of %s' % (name, row[7], ', '.join(AGAIN))
+
+
+text = read('proto/PROTOCOL.md')
 errors = ['line %d has %d characters' % (i, len(line))
           for i, line in enumerate(text.splitlines(), 1) if len(line) > 140]
-types = re.findall(r'X\(([A-Z_]+), (\d+), [a-z_]+, [a-z_]+\)', header)
-for name, number in types:
-    if '| %s | %s |' % (number, name) not in text:
+rows = [[cell.strip() for cell in line.split('|')] for line in text.splitlines() if line.startswith('| ')]
+table = {(row[1], row[2]): row for row in rows if len(row) == 9}
+types = re.findall(r'X\((\w+), (\d+), (\w+), (\w+)\)', read('proto/frame.h'))
+needs = scopes()
+for name, number, request, answer in types:
+    row = table.get((number, name))
+    if row:
+        errors += faults_of_row(name, request, answer, needs.get(request, '–'), row)
+    else:
         errors.append('type %s, %s, is not in the table' % (number, name))
 for error in errors:
     print('error: PROTOCOL.md: ' + error)
-print('%d lines, %d types' % (len(text.splitlines()), len(types)))
-sys.exit(1 if errors or len(types) < 20 else 0)
+print('%d lines, %d types, %d scopes' % (len(text.splitlines()), len(types), len(needs)))
+sys.exit(1 if errors or len(types) < 20 or len(needs) < len(types) - 3 else 0)

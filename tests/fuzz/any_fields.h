@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: MIT
+// A message of any type with random fields.
+#ifndef TESTS_FUZZ_ANY_FIELDS_H
+#define TESTS_FUZZ_ANY_FIELDS_H
+
+#include <protobuf-c/protobuf-c.h>
+
+#include "random.h"
+
+// Fields of every kind are set or left out by chance: numbers at the ends of their range and
+// small ones, some text, up to three entries of a list, messages in messages to a depth of 4.
+// Freed by protobuf_c_message_free_unpacked; NULL without memory.
+ProtobufCMessage *any_fields(struct rnd *rnd, const ProtobufCMessageDescriptor *type);
+
+#endif

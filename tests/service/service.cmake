@@ -1,5 +1,0 @@
-foreach(name service lifecycle hostile edit stress)
-  prt_test(${name} SOURCES service/${name}.c LIBS librelight LABELS service)
-  target_include_directories(test_${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
-  add_dependencies(test_${name} relightd relight prt_program)
-endforeach()
