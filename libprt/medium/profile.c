@@ -5,14 +5,12 @@
 #include <math.h>
 
 #define DECLARE(KIND, name) extern const struct prt_profile_type prt_profile_type_##name;
-PRT_PROFILE_TYPES(DECLARE)
+PRT_PROFILE_LIST(DECLARE)
 #undef DECLARE
 
 #define ROW(KIND, name) [PRT_PROFILE_##KIND] = &prt_profile_type_##name,
-static const struct prt_profile_type *const types[] = {PRT_PROFILE_TYPES(ROW)};
+static const struct prt_profile_type *const types[] = {PRT_PROFILE_LIST(ROW)};
 #undef ROW
-_Static_assert(sizeof types / sizeof types[0] == PRT_PROFILE_N_KIND,
-               "every kind of enum prt_profile_kind has a row");
 
 const struct prt_profile_type *prt_profile_type(uint32_t kind)
 {

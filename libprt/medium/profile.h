@@ -9,14 +9,6 @@
 #include <cjson/cJSON.h>
 #include <math.h>
 
-/* Every kind, in the order of enum prt_profile_kind. X(KIND, name): the file that holds the
- * kind's functions defines its row as `const struct prt_profile_type prt_profile_type_name`. */
-#define PRT_PROFILE_TYPES(X) \
-    X(DIPOLE, dipole)        \
-    X(BURLEY, burley)        \
-    X(MULTIPOLE, multipole)  \
-    X(CURVE, curve)
-
 /* A material of any kind with the exact profiles of its channels. `material` is the user's
  * input (DIPOLE); for another kind it is the dipole medium of the same total reflectance and
  * the same half-energy radius, channel by channel, which gives the sample spacing, and carries

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Normalised diffusion (CB15 eq 3), its shape by CB15 eq 6.
+// Normalised diffusion (CB15 eq 3): albedo is A, shape_mm is d = mean free path / s(A) (CB15 eq
+// 6).
 #include "material.h"
 #include "profile.h"
 

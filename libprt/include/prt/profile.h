@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/profile.h owns diffuse reflectance profiles R_d(r) of one channel: dipole, normalised
- * diffusion, layered slabs, users' curves (METHODS §1). A material carries a profile as a table
- * (prt/medium.h); its JSON is in proto/PROTOCOL.md.
+/* prt/profile.h owns diffuse reflectance profiles R_d(r) of one channel (METHODS §1). A
+ * material carries a profile as a table (prt/medium.h); its JSON is in proto/PROTOCOL.md.
  *
  * prt_profile_init_* write *profile on success only and return PRT_OK, PRT_ARG (a log line
  * names parameter, value, range and unit) or PRT_NOMEM. A profile is read-only: threads may
@@ -15,12 +14,22 @@
 extern "C" {
 #endif
 
+/* Every kind, X(KIND, name). .prt files store the numbers: new kinds come last. The file that
+ * holds a kind's functions defines its row (medium/profile.h) as prt_profile_type_name. DIPOLE:
+ * JMLH01. BURLEY: Christensen & Burley 2015, eq 3 and 6, normalised diffusion. MULTIPOLE:
+ * Donner & Jensen 2005, layered slabs of one refractive index. CURVE: points (r, R_d), linear
+ * in between, 0 beyond the last. */
+#define PRT_PROFILE_LIST(X) \
+    X(DIPOLE, dipole)       \
+    X(BURLEY, burley)       \
+    X(MULTIPOLE, multipole) \
+    X(CURVE, curve)
+
 enum prt_profile_kind {
-    PRT_PROFILE_DIPOLE = 0, /* JMLH01 */
-    PRT_PROFILE_BURLEY,     /* Christensen & Burley 2015, eq 3 and 6: normalised diffusion */
-    PRT_PROFILE_MULTIPOLE,  /* Donner & Jensen 2005: layered slabs of one refractive index */
-    PRT_PROFILE_CURVE,      /* points (r, R_d), linear in between, 0 beyond the last */
-    PRT_PROFILE_N_KIND      /* new kinds go before it: .prt files store the numbers */
+#define X(KIND, name) PRT_PROFILE_##KIND,
+    PRT_PROFILE_LIST(X)
+#undef X
+        PRT_PROFILE_N_KIND
 };
 enum { PRT_PROFILE_MAX_LAYER = 8, PRT_PROFILE_MAX_POINT = 4096 };
 
@@ -28,8 +37,8 @@ enum { PRT_PROFILE_MAX_LAYER = 8, PRT_PROFILE_MAX_POINT = 4096 };
 struct prt_profile {
     enum prt_profile_kind kind;
     struct prt_diffusion dipole; /* DIPOLE; MULTIPOLE: the top layer as if it had no bottom */
-    double albedo, shape_mm;     /* BURLEY: A and d = mean free path / s(A) */
-    double total;                /* integral 2 pi r R_d dr over all r, [0,1] */
+    double albedo, shape_mm; /* parameters of other kinds; profile_KIND.c says what they are */
+    double total;            /* integral 2 pi r R_d dr over all r, [0,1] */
     uint32_t n;      /* points of the table: CURVE: R_d; MULTIPOLE: R_d minus the dipole */
     double *r, *rd;  /* [n] mm ascending, mm^-2 */
     double *outside; /* [n] integral of the table's 2 pi r R_d beyond r[i] */
