@@ -141,7 +141,8 @@ static int save_picture(struct room_call *c, uint64_t pin)
                                      .height = o->picture.height};
     struct relight_image image;
     if (!picture_ending(o->output, &view.format)) return picture_usage(o, "");
-    if (view.format == RELIGHT_IMAGE_JPEG)
+    if (view.format != RELIGHT_IMAGE_PNG && view.format != RELIGHT_IMAGE_EXR &&
+        view.format != RELIGHT_IMAGE_RGB8) // of a terminal
         return report_usage(o, "-o %s: a room's pictures are exact: .png or .exr", o->output);
     if (view.format == RELIGHT_IMAGE_PNG)
         view.format = RELIGHT_IMAGE_JPEG; // stands for PNG16, which was seen

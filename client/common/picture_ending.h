@@ -8,7 +8,7 @@
 /* The format that the ending of `path` names ("-", a terminal: IMAGE_RGB8); false for any other
  * and for NULL. */
 bool picture_ending(const char *path, enum relight_image_format *out);
-/* ".jpg, .png, .exr": for messages. */
+/* The endings of all formats, as ".jpg, .png": for messages. */
 const char *picture_ending_list(char text[128]);
 
 #endif

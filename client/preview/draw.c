@@ -147,7 +147,7 @@ static int save(struct scene *scene, const char *path, const struct prt_image *i
     const struct prt_picture_options options = {
         .tone = o->tone, .exposure_ev = o->exposure_ev, .quality = o->quality};
     struct prt_blob blob;
-    if (prt_picture_format(path)->encode(&scene->ctx, image, &options, &blob))
+    if (prt_picture_encode(&scene->ctx, prt_picture_format(path), image, &options, &blob))
         return EXIT_FAILED;
     int status = prt_write_file(&scene->ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);

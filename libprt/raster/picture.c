@@ -106,40 +106,35 @@ static int jpeg_of_rgb8(const struct prt_context *ctx, const uint8_t *rgb8, uint
     return prt_encode_jpeg(ctx, rgb8, width, height, options->quality, out);
 }
 
-static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image,
-                       const struct prt_picture_options *options, bool jpeg,
+// Pixels of 8 bits by a format that has them.
+static int encode_8bit(const struct prt_context *ctx, const struct prt_picture_format *format,
+                       const struct prt_image *image, const struct prt_picture_options *options,
                        struct prt_blob *out)
 {
     const uint32_t width = image->width, height = image->height;
     uint8_t *rgb8 = prt_alloc((size_t)width * height, 3);
     if (!rgb8) return no_memory(ctx, image);
     int status = prt_tone_map(ctx, image, options->tone, options->exposure_ev, rgb8);
-    if (!status)
-        status = jpeg ? jpeg_of_rgb8(ctx, rgb8, width, height, options, out)
-                      : png_of_rgb8(ctx, rgb8, width, height, options, out);
+    if (!status) status = format->encode_rgb8(ctx, rgb8, width, height, options, out);
     prt_free(rgb8);
     return status;
 }
 
+// PNGs of 16 bits, or with alpha.
 static int encode_png(const struct prt_context *ctx, const struct prt_image *image,
                       const struct prt_picture_options *options, struct prt_blob *out)
 {
-    return options->fine  ? encode_fine(ctx, image, options, out)
-           : image->alpha ? encode_alpha(ctx, image, options, out)
-                          : encode_8bit(ctx, image, options, false, out);
+    return options->fine ? encode_fine(ctx, image, options, out)
+                         : encode_alpha(ctx, image, options, out);
 }
 
-static int encode_jpeg(const struct prt_context *ctx, const struct prt_image *image,
-                       const struct prt_picture_options *options, struct prt_blob *out)
-{
-    return encode_8bit(ctx, image, options, true, out);
-}
-
+// A format of 8 bits alone has `encode_rgb8` and nothing else.
 static const struct prt_picture_format formats[] = {
-    {"exr", NULL, true, true, encode_exr, NULL},
-    {"hdr", NULL, true, false, encode_hdr, NULL},
-    {"png", NULL, false, true, encode_png, png_of_rgb8},
-    {"jpg", "jpeg", false, false, encode_jpeg, jpeg_of_rgb8}};
+    {.ending = "exr", .linear = true, .alpha = true, .encode = encode_exr},
+    {.ending = "hdr", .linear = true, .encode = encode_hdr},
+    {.ending = "png", .alpha = true, .encode = encode_png, .encode_rgb8 = png_of_rgb8},
+    {.ending = "jpg", .alias = "jpeg", .encode_rgb8 = jpeg_of_rgb8},
+};
 enum { N_FORMAT = sizeof formats / sizeof *formats };
 
 const struct prt_picture_format *prt_picture_format(const char *name)
@@ -150,6 +145,16 @@ const struct prt_picture_format *prt_picture_format(const char *name)
             (formats[i].alias && !strcasecmp(dot + 1, formats[i].alias)))
             return &formats[i];
     return NULL;
+}
+
+int prt_picture_encode(const struct prt_context *ctx, const struct prt_picture_format *format,
+                       const struct prt_image *image, const struct prt_picture_options *options,
+                       struct prt_blob *out)
+{
+    const bool more =
+        !format->encode_rgb8 || (format->encode && (options->fine || image->alpha));
+    return more ? format->encode(ctx, image, options, out)
+                : encode_8bit(ctx, format, image, options, out);
 }
 
 const char *prt_picture_endings(char text[100])

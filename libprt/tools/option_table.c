@@ -206,9 +206,9 @@ const struct option_row option_table[] = {
     {"msaa", 0, "N", OPTION_WHOLE, AT(msaa), 1, 8, NULL, IMAGE,
      "samples a pixel: 1, 2, 4 or 8 (default 4)"},
     {"exposure", 0, "EV", OPTION_SIGNED, AT(exposure_ev), -40, 40, NULL, IMAGE | ENV,
-     "brighten PNG and JPEG by a factor 2^EV"},
+     "brighten pictures of 8 bits by a factor 2^EV"},
     {"tone", 0, "NAME", OPTION_WORD, AT(tone), 0, 0, tones, IMAGE | ENV,
-     "tone map for PNG and JPEG (default filmic)"},
+     "tone map of pictures of 8 bits (default filmic)"},
     {"background", 0, "B", OPTION_TEXT, AT(background), 0, 0, NULL, IMAGE,
      "env (default), none (black), transparent (alpha: EXR with premultiplied colours, PNG with straight "
      "ones), or R,G,B as linear radiance"},

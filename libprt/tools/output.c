@@ -65,7 +65,7 @@ int output_image(const struct prt_context *ctx, const char *path, const struct p
 {
     if (is_terminal_path(path)) return draw_in_terminal(ctx, image, options);
     struct prt_blob blob = {0};
-    int status = prt_picture_format(path)->encode(ctx, image, options, &blob);
+    int status = prt_picture_encode(ctx, prt_picture_format(path), image, options, &blob);
     if (!status) status = prt_write_file(ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     return status;

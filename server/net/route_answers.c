@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Answers of operations as HTTP, and the pages that need none.
 #include "net/routes.h"
+#include "core/image_format.h"
 
 #include "message_text.h"
 #include "net/openapi.h"
@@ -95,33 +96,14 @@ void answer_room(struct exchange *x, const ProtobufCMessage *message, bool last,
     if (shown) protobuf_c_message_free_unpacked(shown, NULL);
 }
 
-// A switch: a format without its media type does not compile.
-static const char *media_type(Relight__ImageFormat format)
-{
-    switch (format) {
-    case RELIGHT__IMAGE_FORMAT__IMAGE_JPEG:
-        return "image/jpeg";
-    case RELIGHT__IMAGE_FORMAT__IMAGE_PNG:
-    case RELIGHT__IMAGE_FORMAT__IMAGE_PNG16:
-        return "image/png";
-    case RELIGHT__IMAGE_FORMAT__IMAGE_EXR:
-    case RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT:
-        return "image/x-exr";
-    case RELIGHT__IMAGE_FORMAT__IMAGE_RGB8:
-    case RELIGHT__IMAGE_FORMAT__IMAGE_F16:
-    case _RELIGHT__IMAGE_FORMAT_IS_INT_SIZE:
-        break;
-    }
-    return "application/octet-stream";
-}
-
 void answer_image(struct exchange *x, const ProtobufCMessage *message, bool last,
                   struct payload *payload)
 {
     const Relight__ImageAnswer *in = (const Relight__ImageAnswer *)message;
     add_cost(x, in->cost, in->generation);
     exchange_field(x, "x-relight-size:", "%ux%u", in->width, in->height);
-    answer_bytes(x, media_type(in->format), payload);
+    const struct image_format *format = image_format_of(in->format);
+    answer_bytes(x, format ? format->media_type : "application/octet-stream", payload);
 }
 
 void answer_environment(struct exchange *x, const ProtobufCMessage *message, bool last,

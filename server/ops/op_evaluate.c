@@ -185,7 +185,9 @@ static int encode_thumbnail(struct env_job *job, const struct decoded_env *d,
     int status = prt_env_to_cube(ctx, &d->env, n, 0, &cube);
     if (status) return status;
     status = prt_cube_to_latlong(ctx, &cube, job->thumbnail, job->thumbnail / 2, &image);
-    if (!status) status = prt_picture_format(".jpg")->encode(ctx, &image, &options, &job->jpeg);
+    if (!status)
+        status =
+            prt_picture_encode(ctx, prt_picture_format(".jpg"), &image, &options, &job->jpeg);
     prt_image_finish(&image);
     prt_cube_finish(&cube);
     return status;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Colours and pictures in the formats of the protocol.
+#include "core/image_format.h"
 #include "render/evaluation.h"
 #include "prt/picture.h"
 
@@ -141,56 +142,39 @@ static int raw_rgb8(const struct prt_context *ctx, const struct prt_image *image
     return prt_tone_map(ctx, image, options->tone, options->exposure_ev, out->bytes);
 }
 
-// By the protocol's number: a file format of prt/picture.h by its ending, or pixels without a
-// file around them.
-static const struct image_format {
-    const char *ending;
-    bool full_float, fine; // of struct prt_picture_options
-    int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
-                  const struct prt_picture_options *options, struct prt_blob *out);
-} formats[] = {
-    [RELIGHT__IMAGE_FORMAT__IMAGE_JPEG] = {.ending = ".jpg"},
-    [RELIGHT__IMAGE_FORMAT__IMAGE_PNG] = {.ending = ".png"},
-    [RELIGHT__IMAGE_FORMAT__IMAGE_EXR] = {.ending = ".exr"},
-    [RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT] = {.ending = ".exr", .full_float = true},
-    [RELIGHT__IMAGE_FORMAT__IMAGE_PNG16] = {.ending = ".png", .fine = true},
-    [RELIGHT__IMAGE_FORMAT__IMAGE_RGB8] = {.encode = raw_rgb8},
-    [RELIGHT__IMAGE_FORMAT__IMAGE_F16] = {.encode = raw_f16},
-};
-
 bool image_format_known(unsigned format)
 {
-    return format < sizeof formats / sizeof *formats &&
-           (formats[format].ending || formats[format].encode);
+    return image_format_of(format) != NULL;
 }
 
 bool image_format_alpha(unsigned format)
 {
-    return image_format_known(format) && formats[format].ending &&
-           prt_picture_format(formats[format].ending)->alpha;
+    const struct image_format *known = image_format_of(format);
+    return known && known->ending && prt_picture_format(known->ending)->alpha;
 }
 
 bool draws_rgb8(const struct render_spec *s)
 {
-    const struct image_format *format = &formats[s->image_format];
+    const struct image_format *format = image_format_of(s->image_format);
     return !s->transparent && !format->fine &&
-           (format->encode == raw_rgb8 ||
-            (format->ending && prt_picture_format(format->ending)->encode_rgb8));
+           (format->ending ? prt_picture_format(format->ending)->encode_rgb8 != NULL
+                           : s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_RGB8);
 }
 
 static struct prt_picture_options options_of(const struct render_spec *s)
 {
+    const struct image_format *format = image_format_of(s->image_format);
     return (struct prt_picture_options){.tone = (enum prt_tone)s->tone,
                                         .exposure_ev = s->picture_ev,
                                         .quality = (int)s->quality,
-                                        .full_float = formats[s->image_format].full_float,
-                                        .fine = formats[s->image_format].fine};
+                                        .full_float = format->full_float,
+                                        .fine = format->fine};
 }
 
 int encode_rgb8(const struct prt_context *ctx, const struct render_spec *s, uint8_t *rgb8,
                 struct prt_blob *out)
 {
-    const char *ending = formats[s->image_format].ending;
+    const char *ending = image_format_of(s->image_format)->ending;
     const struct prt_picture_options options = options_of(s);
     struct prt_blob blob = {rgb8, (size_t)s->width * s->height * 3};
     if (ending) {
@@ -210,12 +194,15 @@ int encode_rgb8(const struct prt_context *ctx, const struct render_spec *s, uint
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out)
 {
-    const struct image_format *format = &formats[s->image_format];
+    const char *ending = image_format_of(s->image_format)->ending;
     const struct prt_picture_options options = options_of(s);
     struct prt_blob blob = {0};
-    int status = format->ending
-                     ? prt_picture_format(format->ending)->encode(ctx, image, &options, &blob)
-                     : format->encode(ctx, image, &options, &blob);
+    int status;
+    if (ending)
+        status = prt_picture_encode(ctx, prt_picture_format(ending), image, &options, &blob);
+    else if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_F16)
+        status = raw_f16(ctx, image, &options, &blob);
+    else status = raw_rgb8(ctx, image, &options, &blob);
     if (status) prt_free(blob.bytes);
     else *out = blob;
     return status;

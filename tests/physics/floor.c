@@ -189,7 +189,8 @@ static void files_with_alpha(void **state)
     struct prt_blob blob;
     assert_false(prt_picture_format("a.jpg")->alpha);
     assert_false(prt_picture_format("a.hdr")->alpha);
-    assert_int_equal(prt_picture_format("a.png")->encode(&context, &image, &o, &blob), PRT_OK);
+    assert_int_equal(
+        prt_picture_encode(&context, prt_picture_format("a.png"), &image, &o, &blob), PRT_OK);
     assert_int_equal(((uint8_t *)blob.bytes)[25], 6); // IHDR: RGB and alpha
     struct prt_image back;
     assert_int_equal(prt_image_load_memory(&context, "a.png", blob.bytes, blob.size, &back),
@@ -197,7 +198,8 @@ static void files_with_alpha(void **state)
     assert_float_equal(back.rgb[0], 0.5f, 4e-3); // 1/255 of sRGB
     prt_image_finish(&back);
     prt_free(blob.bytes);
-    assert_int_equal(prt_picture_format("a.exr")->encode(&context, &image, &o, &blob), PRT_OK);
+    assert_int_equal(
+        prt_picture_encode(&context, prt_picture_format("a.exr"), &image, &o, &blob), PRT_OK);
     assert_non_null(memmem(blob.bytes, blob.size, "A\0\1\0\0\0", 6)); // a channel of halves
     assert_int_equal(prt_image_load_memory(&context, "a.exr", blob.bytes, blob.size, &back),
                      PRT_OK);

@@ -50,6 +50,23 @@ def models_are_listed_and_described(d):
     d.problem(404, "GET", "/v1/models/nothing")
 
 
+def every_format(d, image):
+    """Each format of the document is drawn, and an ending draws what its word does."""
+    schemas = json.loads(d.ask("GET", "/v1/openapi.json")[2])["components"]["schemas"]
+    query = "env=constant&size=32x24"
+    raw = {"rgb8": 3, "f16": 6}  # bytes of a pixel
+    for word in schemas["PictureFormat"]["enum"]:
+        status, headers, body = d.ask("GET", image + "?format=" + word + "&" + query)
+        assert status == 200, (word, body[:300])
+        kind = headers["content-type"]
+        assert kind == "application/octet-stream" if word in raw else kind.startswith("image/"), (word, kind)
+        assert word not in raw or len(body) == raw[word] * 32 * 24, (word, len(body))
+    for ending in schemas["PictureEnding"]["enum"]:
+        by_word = d.ask("GET", image + "?format=" + ending + "&" + query)
+        by_ending = d.ask("GET", image + "." + ending + "?" + query)
+        assert by_ending[2] == by_word[2] and by_ending[1]["content-type"] == by_word[1]["content-type"], ending
+
+
 def pictures(d):
     image = "/v1/models/small/image"
     status, headers, jpeg = d.ask("GET", image + ".jpg?env=constant&size=120x90&rotate=30")
@@ -80,6 +97,7 @@ def pictures(d):
                                   (".png", {"picture": {"format": "jpeg"}}, "picture.format")):
         problem, _ = d.problem(400, "POST", image + path, json.dumps(dict(body, **more)), json_type)
         assert problem["parameter"] == parameter, (path, problem)
+    every_format(d, image)
     exr = d.ask("GET", image + ".exr?env=constant&size=32x32&camera=0,0,3:0,0,0:0,1,0:40")
     assert exr[0] == 200 and exr[2][:4] == b"\x76\x2f\x31\x01"
     for query, parameter in (("size=0x5", "size"), ("size=5", "size"), ("rotate=x", "rotate"),

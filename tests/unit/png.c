@@ -42,7 +42,7 @@ static void transparent_png(void **state)
         uint8_t row[1 + 8 * N];
         size_t n;
         uLongf size = sizeof row;
-        assert_int_equal(png->encode(&quiet, &image, &o, &blob), PRT_OK);
+        assert_int_equal(prt_picture_encode(&quiet, png, &image, &o, &blob), PRT_OK);
         assert_int_equal(chunk_of(&blob, "IHDR", &n)[8], fine ? 16 : 8);
         const uint8_t *data = chunk_of(&blob, "IDAT", &n);
         assert_int_equal(uncompress(row, &size, data, n), Z_OK);

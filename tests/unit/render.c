@@ -285,8 +285,10 @@ static void pictures_have_their_options(void **state)
     static const unsigned same[2] = {90, 90}, worse[2] = {90, 40};
     static const float none[2] = {0, 0}, brighter[2] = {0, 1};
     assert_false(equal_pictures(RELIGHT__IMAGE_FORMAT__IMAGE_JPEG, worse, none));
-    for (int i = 0; i < 4; i++) assert_false(equal_pictures(exposed[i], same, brighter));
-    for (int i = 0; i < 3; i++) assert_true(equal_pictures(linear[i], same, brighter));
+    for (size_t i = 0; i < sizeof exposed / sizeof *exposed; i++)
+        assert_false(equal_pictures(exposed[i], same, brighter));
+    for (size_t i = 0; i < sizeof linear / sizeof *linear; i++)
+        assert_true(equal_pictures(linear[i], same, brighter));
     struct prt_context ctx;
     prt_context_init(&ctx);
     for (int whole = 0; whole < 2; whole++) {

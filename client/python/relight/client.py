@@ -455,7 +455,8 @@ class Client:
               background: Optional[Vector] = None, tone: str = "filmic", quality: int = 0,
               samples: int = 0, max_error: float = 0.0, floor: bool = False,
               materials: Optional[Mapping[str, Material]] = None, variant: str = "") -> Image:
-        """A picture. format: "png", "jpg", "exr", or raw pixels "f16" (linear) and "rgb8".
+        """A picture. format: a word of ImageFormat ("png", "jpg", "exr", or raw pixels
+        "f16", linear, and "rgb8").
 
         The camera frames the model, or is one of the model's file (camera), or looks from eye to
         target (the model's units), or from orbit: azimuth, elevation[, zoom] in degrees. Lights and

@@ -25,8 +25,7 @@ struct prt_picture_format {
     const char *alias;  /* another ending ("jpeg"); NULL: none */
     bool linear;        /* keeps radiance above 1 */
     bool alpha; /* keeps alpha: EXR with premultiplied colours, PNG with straight ones */
-    /* Encodes linear RGB [height][width][3]. Returns an enum prt_status; *out, written where
-     * that is 0, is freed by prt_free(out->bytes). Thread-safe; blocks while it computes. */
+    /* As prt_picture_encode, of what encode_rgb8 cannot hold; NULL: it holds all. */
     int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
                   const struct prt_picture_options *options, struct prt_blob *out);
     /* The same of pixels that prt_tone_map() made, without alpha; NULL: not this format. */
@@ -39,7 +38,13 @@ struct prt_picture_format {
  * block.
  */
 const struct prt_picture_format *prt_picture_format(const char *name);
-/* ".exr, .hdr, .png or .jpg": for messages. Thread-safe, does not block. */
+/* Encodes linear RGB [height][width][3]. Returns an enum prt_status; *out, written where that
+ * is 0, is freed by prt_free(out->bytes). Thread-safe; blocks while it computes. */
+int prt_picture_encode(const struct prt_context *ctx, const struct prt_picture_format *format,
+                       const struct prt_image *image, const struct prt_picture_options *options,
+                       struct prt_blob *out);
+/* The endings of all formats, as ".exr, .hdr or .png": for messages. Thread-safe, does not
+ * block. */
 const char *prt_picture_endings(char text[100]);
 
 /* Colours rgb[n][3], linear, to GL_RGB9_E5 in out[n]: three mantissas of 9 bits under the
