@@ -76,13 +76,15 @@ static unsigned sparse_views(const struct bake *b, uint32_t cluster, struct view
     return 4;
 }
 
-static unsigned radial_views(const struct prt_tensor *t, uint32_t c, struct view v[1])
+static unsigned radial_views(const struct prt_tensor *t, uint32_t c, struct view v[2])
 {
     const struct prt_cluster *cluster = &t->cluster[c];
     uint16_t *u = (uint16_t *)(uintptr_t)t->u + cluster->u_begin;
     size_t padded = (cluster->n_vertex + 15) / 16 * 16;
+    float *scale = (float *)(uintptr_t)t->u_scale + (size_t)c * t->n_function * 3;
     v[0] = (struct view){u, (size_t)cluster->rank * 3 * padded * sizeof *u};
-    return 1;
+    v[1] = (struct view){scale, (size_t)cluster->rank * 3 * sizeof *scale};
+    return 2;
 }
 
 unsigned prt_cluster_views(const struct bake *b, const struct slot *slot, uint32_t c,

@@ -532,6 +532,7 @@ void prt_tensor_finish(struct prt_tensor *t)
     prt_free((void *)(uintptr_t)t->order);
     prt_free((void *)(uintptr_t)t->cluster);
     prt_free((void *)(uintptr_t)t->u);
+    prt_free((void *)(uintptr_t)t->u_scale);
     prt_free((void *)(uintptr_t)t->rows.begin);
     prt_free((void *)(uintptr_t)t->rows.index);
     prt_free((void *)(uintptr_t)t->rows.entry);

@@ -122,21 +122,19 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         const struct cut_source from = prt_bake_cut_source(b);
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         uint32_t n = cluster->n_vertex;
-        float *sum = prt_alloc((size_t)n * 3, sizeof *sum);
+        float *sum = prt_calloc((size_t)radial.n * n * 3, sizeof *sum);
         if (!sum) status = PRT_NOMEM;
         for (uint32_t j = 0; status == PRT_OK && j < radial.n; j++) {
             const float *k = cut.k + (size_t)j * n * cut.n_column;
-            memset(sum, 0, (size_t)n * 3 * sizeof *sum);
+            float *to = sum + (size_t)j * n * 3;
             for (uint32_t i = 0; i < cut.n_column; i++) {
                 const float *e = p->irradiance[cut.row[i]];
                 for (uint32_t v = 0; v < n; v++)
                     for (int ch = 0; ch < 3; ch++)
-                        sum[(size_t)ch * n + v] += k[(size_t)i * n + v] * e[ch];
+                        to[(size_t)ch * n + v] += k[(size_t)i * n + v] * e[ch];
             }
-            for (int ch = 0; ch < 3; ch++)
-                prt_f32_to_f16_array(sum + (size_t)ch * n, n,
-                                     prt_radial_column(p->tensor, cluster, j, ch));
         }
+        if (!status) prt_radial_store(p->tensor, (uint32_t)c, sum);
         prt_free(sum);
         prt_cut_finish(&cut);
     }
@@ -157,7 +155,13 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         const struct prt_cluster *cluster = &p->tensor->cluster[c];
         const uint32_t medium = prt_bake_medium(b, (uint32_t)c);
+        const size_t n = cluster->n_vertex;
         if (!b->clusters->translucent[c]) continue;
+        float *column = prt_alloc(n * F * 3 + 1, sizeof *column);
+        if (!column) {
+            status = PRT_NOMEM;
+            break;
+        }
         for (uint32_t i = 0; i < cluster->n_vertex; i++) {
             uint32_t v = b->clusters->order[cluster->vertex_begin + i];
             size_t base =
@@ -166,11 +170,10 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
                                                    r->z + base, r->rgb + base * 3};
             b->rays_single[c] +=
                 prt_single_light(&b->single[medium], &fresnel[medium], v, &light, out, scratch);
-            for (uint32_t j = 0; j < F; j++)
-                for (int ch = 0; ch < 3; ch++)
-                    prt_radial_column(p->tensor, cluster, j, ch)[i] =
-                        prt_f32_to_f16(out[j * 3 + (uint32_t)ch]);
+            for (uint32_t k = 0; k < 3 * F; k++) column[k * n + i] = out[k];
         }
+        prt_radial_store(p->tensor, (uint32_t)c, column);
+        prt_free(column);
     }
     prt_free(fresnel);
     prt_free(scratch);
@@ -201,6 +204,9 @@ static int add_tensor(struct polynomial *p, enum prt_term term, uint32_t n_phase
     memcpy(order, b->clusters->order, b->mesh->n_vertex * sizeof *order);
     t->u = prt_calloc(u + 32, 2);
     t->u_count = u;
+    float *scale = prt_alloc((size_t)nc * J * 3, sizeof *scale);
+    t->u_scale = scale;
+    for (size_t k = 0; scale && k < (size_t)nc * J * 3; k++) scale[k] = 1;
     t->term = term;
     t->storage = PRT_STORAGE_RADIAL;
     t->coupling = PRT_COUPLE_FULL;
@@ -209,7 +215,7 @@ static int add_tensor(struct polynomial *p, enum prt_term term, uint32_t n_phase
     t->n_function = J;
     t->n_phase = t->n_radial = 1;
     p->tensor = t;
-    return t->u ? PRT_OK : PRT_NOMEM;
+    return t->u && scale ? PRT_OK : PRT_NOMEM;
 }
 
 static int add_radial(struct polynomial *p, enum prt_term term, uint32_t n_phase,
@@ -230,8 +236,14 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_trace_thread_init();
     for (size_t c = begin; c < end; c++) {
         const struct prt_cluster *cluster = &p->tensor->cluster[c];
+        const size_t n = cluster->n_vertex;
         if (!cluster->rank) continue;
-        for (uint32_t i = 0; i < cluster->n_vertex; i++) {
+        float *column = prt_alloc(3 * n + 1, sizeof *column);
+        if (!column) {
+            prt_free(block);
+            return PRT_NOMEM;
+        }
+        for (uint32_t i = 0; i < n; i++) {
             uint32_t v = p->tensor->order[cluster->vertex_begin + i];
             const float *albedo = mesh->surface[mesh->block[block[v]].surface].base_color;
             size_t first = prt_hash64(&v, sizeof v, 23) >> 8;
@@ -241,10 +253,11 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
                               NULL, sum);
                 for (int ch = 0; ch < 3; ch++) all[ch] += sum[ch] / PATTERNS_A_VERTEX;
             }
-            for (int ch = 0; ch < 3; ch++)
-                prt_radial_column(p->tensor, cluster, 0, ch)[i] =
-                    prt_f32_to_f16((float)(all[ch] * (double)albedo[ch] / M_PI));
+            for (size_t ch = 0; ch < 3; ch++)
+                column[ch * n + i] = (float)(all[ch] * (double)albedo[ch] / M_PI);
         }
+        prt_radial_store(p->tensor, (uint32_t)c, column);
+        prt_free(column);
     }
     prt_free(block);
     return PRT_OK;

@@ -6,17 +6,35 @@
 #include <math.h>
 #include <string.h>
 
+void prt_radial_store(const struct prt_tensor *t, uint32_t cluster, float *columns)
+{
+    const struct prt_cluster *c = &t->cluster[cluster];
+    const size_t n = c->n_vertex, padded = (n + 15) / 16 * 16, n_column = 3 * (size_t)c->rank;
+    uint16_t *u = (uint16_t *)(uintptr_t)t->u + c->u_begin;
+    float *scale = (float *)(uintptr_t)t->u_scale + (size_t)cluster * t->n_function * 3;
+    for (size_t k = 0; k < n_column; k++, columns += n, u += padded) {
+        float most = 0;
+        int exponent = 15;
+        for (size_t v = 0; v < n; v++) most = fmaxf(most, fabsf(columns[v]));
+        if (most > 0 && isfinite(most)) frexpf(most, &exponent);
+        if (exponent < -100) exponent = -100;
+        const float inverse = ldexpf(1, 15 - exponent);
+        for (size_t v = 0; v < n; v++) columns[v] *= inverse;
+        scale[k] = ldexpf(1, exponent - 15);
+        prt_f32_to_f16_array(columns, n, u);
+    }
+}
+
 // [n_function][n_vertex][3] to the cluster's columns.
 static void store(const struct prt_tensor *t, uint32_t c, uint32_t n_function, const float *x,
                   float *column)
 {
-    const struct prt_cluster *cluster = &t->cluster[c];
-    const size_t n = cluster->n_vertex;
+    const size_t n = t->cluster[c].n_vertex;
     for (uint32_t j = 0; j < n_function; j++)
-        for (int ch = 0; ch < 3; ch++) {
-            for (size_t v = 0; v < n; v++) column[v] = x[(j * n + v) * 3 + (size_t)ch];
-            prt_f32_to_f16_array(column, n, prt_radial_column(t, cluster, j, ch));
-        }
+        for (size_t ch = 0; ch < 3; ch++)
+            for (size_t v = 0; v < n; v++)
+                column[(j * 3 + ch) * n + v] = x[(j * n + v) * 3 + ch];
+    prt_radial_store(t, c, column);
 }
 
 static int multiple_cluster(const struct polynomial_walks *p, uint32_t c, const struct cut *cut)
@@ -30,7 +48,7 @@ static int multiple_cluster(const struct polynomial_walks *p, uint32_t c, const 
     const struct free_walks_job job = {
         b, &p->pool, cut, &p->lit, (struct work_meters *)&b->work, c, b->walk->n_walk, false};
     float *out = prt_alloc((size_t)p->pool.n_function * n * 3, sizeof *out);
-    float *column = prt_alloc(n, sizeof *column);
+    float *column = prt_alloc((size_t)p->pool.n_function * n * 3, sizeof *column);
     int status = out && column ? PRT_OK : PRT_NOMEM;
     if (!status && prt_walks_in(b, c)) status = prt_free_walks_run(&job, &rows.walks);
     memcpy(b->walk->noise[c], rows.walks.noise, sizeof rows.walks.noise);
@@ -92,7 +110,8 @@ int prt_polynomial_walks_unscattered(void *arg, size_t begin, size_t end, unsign
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!prt_walks_in(b, (uint32_t)c)) continue;
         const uint32_t n = b->clusters->cluster[c].n_vertex;
-        float *sum = prt_calloc((size_t)J * n * 3, sizeof *sum), *column = prt_alloc(n, 4);
+        float *sum = prt_calloc((size_t)J * n * 3, sizeof *sum);
+        float *column = prt_alloc((size_t)J * n * 3, sizeof *column);
         struct gather g = {p, NULL, 3 * (size_t)n};
         if (!sum || !column) status = PRT_NOMEM;
         for (uint32_t v = 0; v < n && !status; v++) {

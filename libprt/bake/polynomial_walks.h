@@ -14,15 +14,10 @@ struct polynomial_walks {
     struct lit_rows lit; /* the irradiance in three channels */
     struct prt_tensor *tensor;
 };
-/* Column (j, channel) of a cluster in a RADIAL tensor that is being made. */
-static inline uint16_t *prt_radial_column(const struct prt_tensor *t,
-                                          const struct prt_cluster *cluster, uint32_t j,
-                                          int channel)
-{
-    const uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
-    return (uint16_t *)(uintptr_t)t->u + cluster->u_begin +
-           ((size_t)j * 3 + (size_t)channel) * padded;
-}
+/* Stores columns [j][channel][n_vertex] of a cluster in a RADIAL tensor that is being made.
+ * Each gets the power of two as a factor that makes its largest number 2^14 to 2^15, so that
+ * its halves keep their digits under any light. The columns are overwritten. */
+void prt_radial_store(const struct prt_tensor *tensor, uint32_t cluster, float *columns);
 /* Ranges over the clusters (struct polynomial_walks): multiple scattering by the pool's
  * functions, and unscattered light by the extinction's. */
 int prt_polynomial_walks_multiple(void *walks, size_t begin, size_t end, unsigned worker);

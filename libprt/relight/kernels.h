@@ -104,6 +104,19 @@ struct prt_kernels {
                      float *out);
 };
 
+// What the columns of phase k of a RADIAL cluster are multiplied with, [n_radial][3]: coef, an
+// optional factor of the plane, and the columns' own factors.
+static inline void radial_coef(const struct prt_tensor *t, size_t cluster, uint32_t k,
+                               const float *coef, const float factor[3], float *out)
+{
+    const size_t n = 3 * (size_t)t->n_radial;
+    const float *scale =
+        t->u_scale ? t->u_scale + (cluster * t->n_function + (size_t)k * t->n_radial) * 3
+                   : NULL;
+    for (size_t i = 0; i < n; i++)
+        out[i] = coef[i] * (factor ? factor[i % 3] : 1) * (scale ? scale[i] : 1);
+}
+
 extern const struct prt_kernels prt_kernels_c;
 extern const struct prt_kernels prt_kernels_integer_c; // C twins of the integer kernels
 #if PRT_ISA_X86

@@ -336,18 +336,37 @@ struct expand_run {
     bool add, stream;
 };
 
+// Plane by plane, because columns have factors of their own.
+static void expand_radial(const struct expand_run *run, uint32_t cluster,
+                          struct expand_job *job, float *coef)
+{
+    const struct prt_tensor *t = run->tensor;
+    const size_t plane = 3 * (size_t)t->n_radial * job->stride;
+    job->rank = job->rank ? t->n_radial : 0;
+    job->b = coef;
+    job->n_triple = 1;
+    for (uint32_t k = 0; k < run->n_triple; k++) {
+        radial_coef(t, cluster, k, run->b, NULL, coef);
+        run->kernels->radial(job);
+        job->u += plane;
+        job->color++;
+    }
+}
+
 static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct expand_run *run = arg;
     const struct prt_tensor *t = run->tensor;
-    bool radial = t->storage == PRT_STORAGE_RADIAL;
+    const bool radial = t->storage == PRT_STORAGE_RADIAL;
+    float *coef = radial ? prt_alloc(3 * (size_t)t->n_radial + 1, sizeof *coef) : NULL;
+    if (radial && !coef) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++) {
         const struct expand_piece *p = &run->pieces[i];
         const struct prt_cluster *c = &t->cluster[p->cluster];
         struct expand_job job = {.u = t->u + c->u_begin,
                                  .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
-                                 .rank = radial && c->rank ? t->n_radial : c->rank,
-                                 .b = radial ? run->b : run->b + c->row_begin * run->b_stride,
+                                 .rank = c->rank,
+                                 .b = run->b + (radial ? 0 : c->row_begin * run->b_stride),
                                  .b_stride = run->b_stride,
                                  .n_triple = run->n_triple,
                                  .begin = p->begin,
@@ -356,9 +375,10 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
                                  .color = run->color,
                                  .add = run->add,
                                  .stream = run->stream};
-        if (radial) run->kernels->radial(&job);
+        if (radial) expand_radial(run, p->cluster, &job, coef);
         else run->kernels->expand(&job);
     }
+    prt_free(coef);
     return PRT_OK;
 }
 
@@ -378,7 +398,7 @@ static int expand_all(const struct prt_context *ctx, struct expand_run *run, flo
     run->pieces = pieces;
     status = prt_parallel_for(ctx, NULL, n, grain, run_expand, run);
     free(pieces);
-    return status;
+    return status ? prt_fail(ctx, status, "no memory to relight") : PRT_OK;
 }
 
 // b[row][light][phase][3]: all lights in one pass over U.

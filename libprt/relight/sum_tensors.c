@@ -71,7 +71,7 @@ static void sum_radial(const struct sum_run *run, const struct prt_term_input *p
     job->b_stride = 3;
     job->n_triple = 1;
     for (uint32_t k = 0; k < planes; k++) {
-        for (size_t i = 0; i < n; i++) coef[i] = own[i] * (factor ? factor[k][i % 3] : 1);
+        radial_coef(t, cluster, k, own, factor ? factor[k] : NULL, coef);
         job->u = u + k * n * job->stride;
         job->color = run->color + k;
         run->kernels->radial(job);

@@ -197,6 +197,9 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
     uint32_t vertex = 0;
     if (t->n_cluster && !t->cluster) return bad(c, "tensor %u: clusters are missing", i);
     if (t->u_count && !t->u) return bad(c, "tensor %u: U is missing", i);
+    if (t->u_scale && (t->storage != PRT_STORAGE_RADIAL ||
+                       !finite_f32(t->u_scale, 3ull * t->n_cluster * t->n_function)))
+        return bad(c, "tensor %u: factors of U that are not finite, or that it has none of", i);
     for (uint32_t k = 0; k < t->n_cluster; k++) {
         if (!good_cluster(t, &t->cluster[k], vertex))
             return bad(c, "tensor %u: cluster %u is out of range", i, k);
@@ -469,7 +472,7 @@ void prt_tensor_bytes(const struct prt_tensor *t, uint64_t *u_bytes, uint64_t *r
 {
     const struct prt_rows *r = &t->rows;
     uint64_t n_entry = r->n_row ? r->begin[r->n_row] : 0, j = t->n_function;
-    *u_bytes = 2 * t->u_count;
+    *u_bytes = 2 * t->u_count + (t->u_scale ? 12ull * t->n_cluster * t->n_function : 0);
     *row_bytes = 0;
     if (!r->n_row) return;
     *row_bytes = 8 * (r->n_row + 1ull) + n_entry * r->index_bytes + 12 * j * r->n_row;

@@ -72,6 +72,7 @@ enum format_section_type {
     SECTION_VARIANT_SURFACE, // surface of each block in each variant
     SECTION_VOLUME,          // insides of the surfaces, from which variants have their media
     SECTION_ETA,             // of a tensor for any index: range and nodes; else missing
+    SECTION_U_SCALE,         // of RADIAL storage; missing: columns have no factors
 };
 
 struct format_section {

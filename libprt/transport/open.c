@@ -160,6 +160,15 @@ static uint64_t bytes_of(const struct prt_file *f, uint32_t type)
     return 0;
 }
 
+// The same of one tensor, or of one medium.
+static uint64_t tensor_bytes_of(const struct prt_file *f, uint32_t type, uint32_t tensor)
+{
+    for (uint32_t i = 0; i < f->n_section; i++)
+        if (f->section[i].type == type && f->section[i].tensor == tensor)
+            return f->section[i].bytes;
+    return 0;
+}
+
 // Textures; prt_transport_check holds their numbers to each other.
 static int take_textures(struct prt_file *f, struct prt_mesh *m)
 {
@@ -288,10 +297,7 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
 // The nodes of a tensor for any index; prt_transport_check holds them to their range.
 static int take_eta(struct prt_file *f, uint32_t i, struct prt_tensor *t)
 {
-    uint64_t bytes = 0;
-    for (uint32_t k = 0; k < f->n_section; k++)
-        if (f->section[k].type == SECTION_ETA && f->section[k].tensor == i)
-            bytes = f->section[k].bytes;
+    const uint64_t bytes = tensor_bytes_of(f, SECTION_ETA, i);
     if (bytes % sizeof *t->eta || bytes / sizeof *t->eta > 2 + PRT_ETA_MOST_NODES)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: tensor %u: its nodes of eta are damaged",
                         f->name, i);
@@ -323,6 +329,8 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     TAKE(f, SECTION_ORDER, i, 4ull * ft->n_vertex, t->order);
     TAKE(f, SECTION_CLUSTER, i, (uint64_t)sizeof *t->cluster * ft->n_cluster, t->cluster);
     TAKE(f, SECTION_U, i, 2 * ft->u_count, t->u);
+    if (tensor_bytes_of(f, SECTION_U_SCALE, i))
+        TAKE(f, SECTION_U_SCALE, i, 12ull * ft->n_cluster * ft->n_function, t->u_scale);
     TAKE(f, SECTION_KNOT, i, 4ull * ft->n_knot, t->knot);
     const int status = take_eta(f, i, t);
     if (status) return status;
@@ -334,10 +342,7 @@ static int take_tensor(struct prt_file *f, uint32_t i)
 static int take_profile(struct prt_file *f, uint32_t index, struct prt_material *m)
 {
     const struct format_profile *p = NULL;
-    uint64_t bytes = 0;
-    for (uint32_t i = 0; i < f->n_section; i++)
-        if (f->section[i].type == SECTION_PROFILE && f->section[i].tensor == index)
-            bytes = f->section[i].bytes;
+    const uint64_t bytes = tensor_bytes_of(f, SECTION_PROFILE, index);
     if (!bytes) return PRT_OK;
     TAKE(f, SECTION_PROFILE, index, bytes, p);
     if (bytes < sizeof *p || p->n_point > PRT_MATERIAL_MAX_POINT || !p->kind ||

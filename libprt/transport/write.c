@@ -100,6 +100,8 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
     put(l, SECTION_ORDER, i, t->order, 4ull * t->n_vertex);
     put(l, SECTION_CLUSTER, i, t->cluster, (uint64_t)sizeof *t->cluster * t->n_cluster);
     put(l, SECTION_U, i, t->u, 2 * t->u_count);
+    if (t->u_scale)
+        put(l, SECTION_U_SCALE, i, t->u_scale, 12ull * t->n_cluster * t->n_function);
     if (r->n_row) {
         put(l, SECTION_ROW_BEGIN, i, r->begin, 8 * (r->n_row + 1ull));
         put(l, SECTION_ROW_INDEX, i, r->index, n_entry * r->index_bytes);

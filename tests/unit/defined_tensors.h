@@ -214,9 +214,10 @@ static inline double u_of(const struct prt_tensor *t, const struct prt_cluster *
 {
     const uint16_t *u = t->u + c->u_begin;
     const uint64_t stride = (c->n_vertex + 15) & ~15u;
+    const uint64_t column = 3ull * (phase * t->n_radial + r) + (uint32_t)ch;
     if (t->storage == PRT_STORAGE_RADIAL)
-        return (double)prt_f16_to_f32(
-            u[(3ull * (phase * t->n_radial + r) + (uint32_t)ch) * stride + v]);
+        return (double)prt_f16_to_f32(u[column * stride + v]) *
+               (double)t->u_scale[3 * t->n_function * (uint64_t)(c - t->cluster) + column];
     return (double)(int16_t)u[(r / 2 * stride + v) * 2 + r % 2] * (double)PRT_U_UNIT;
 }
 

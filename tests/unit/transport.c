@@ -221,6 +221,7 @@ static void what_is_written_comes_back(void **state)
         same(x->order, y->order, 101 * 4);
         same(x->cluster, y->cluster, sizeof *x->cluster * x->n_cluster);
         same(x->u, y->u, x->u_count * 2);
+        same(x->u_scale, y->u_scale, x->u_scale ? 12ull * x->n_cluster * x->n_function : 0);
         same(r->begin, s->begin, r->n_row ? 8 * (r->n_row + 1) : 0);
         same(r->index, s->index, n * r->index_bytes);
         size_t d = r->direction ? r->direction[r->n_row] : 0;
@@ -242,6 +243,24 @@ static void what_is_written_comes_back(void **state)
                     x->coupling == y->coupling && x->term == y->term && r->n_coef == s->n_coef);
     }
     prt_file_close(file);
+    unmake(&t);
+}
+
+// Files from before columns had factors have none, and are read as before.
+static void columns_without_factors_come_back(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_file *file;
+    make(&t);
+    const struct prt_transport whole = t;
+    for (int i = 0; i < N_KIND; i++) t.tensor[i].u_scale = NULL;
+    assert_int_equal(prt_file_write(&ctx, path, &t), PRT_OK);
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_ALL, &file), PRT_OK);
+    for (int i = 0; i < N_KIND; i++) assert_null(prt_file_transport(file)->tensor[i].u_scale);
+    prt_file_close(file);
+    unlink(path);
+    t = whole;
     unmake(&t);
 }
 
@@ -372,7 +391,8 @@ static struct prt_blob with_section(const struct prt_blob *blob, uint32_t type, 
 static void sections_too_many_are_refused(void **state)
 {
     struct prt_blob blob = written();
-    const uint32_t more[][2] = {{SECTION_ETA + 1, 0}, {4096, 0}, {SECTION_U, PRT_MOST_TENSORS}};
+    const uint32_t more[][2] = {
+        {SECTION_U_SCALE + 1, 0}, {4096, 0}, {SECTION_U, PRT_MOST_TENSORS}};
     for (size_t i = 0; i < sizeof more / sizeof *more; i++) {
         struct prt_blob longer = with_section(&blob, more[i][0], more[i][1]);
         assert_int_equal(open_copy(longer.bytes, longer.size, PRT_FILE_CHECK_ALL), PRT_FORMAT);
@@ -445,7 +465,9 @@ static void sections_too_many_are_refused(void **state)
       W(int16_t, A->u)[(C[0].rank - 1) * ((C[0].n_vertex + 15) / 16 * 16) + 1] = 1)           \
     X(radial_rank, "cluster 1 is out of range", Q[1].rank++)                                  \
     X(radial_u, "cluster 1 is out of range", P->u_count--)                                    \
-    X(radial_u_infinite, "U is not finite", W(uint16_t, P->u)[5] = 0x7c00)
+    X(radial_u_infinite, "U is not finite", W(uint16_t, P->u)[5] = 0x7c00)                    \
+    X(radial_scale_nan, "factors of U", W(float, P->u_scale)[5] = NAN)                        \
+    X(factored_scale, "factors of U", A->u_scale = P->u_scale)
 
 #define MESH_DAMAGES(X)                                                                      \
     X(triangle, "names a vertex", M->triangle[4][1] = 101)                                   \
@@ -899,6 +921,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(half_floats_are_exact),
         cmocka_unit_test(what_is_written_comes_back),
+        cmocka_unit_test(columns_without_factors_come_back),
         cmocka_unit_test(every_truncation_is_refused),
         cmocka_unit_test(every_flipped_byte_is_refused),
         cmocka_unit_test(forged_headers_are_refused),

@@ -93,15 +93,18 @@ struct prt_cluster {
 /* One tensor. Tensors of the same term are summed.
  * T[v][j][.] = sum_r U[v][r] rows[row_begin + r][j][.]            (FACTORED)
  * T[v][j][.] = rows[position of v]                                 (SPARSE)
- * colour[v][ch] = sum_j c[j][ch] U[v][j][ch], omega contracted     (RADIAL: polynomial)
+ * colour[v][ch] = sum_j c[j][ch] u_scale[j][ch] U[v][j][ch], omega contracted
+ *                                                                  (RADIAL: polynomial)
  * U block of a cluster, padded = n_vertex rounded up to 16 with zeros behind:
  * FACTORED: i16 [(rank + 1) / 2][padded][2], two rows side by side as instructions that add two
  * products read them, 0 beside an odd last row. U = integer * PRT_U_UNIT, |integer| at most
  * PRT_U_MOST.
- * RADIAL: f16 [n_phase][n_radial][3][padded], rank = J. Without a basis (n_knot 0) all c are 1:
- * colours that no material changes, such as a polynomial bake's opaque vertices.
- * Clusters partition the positions. A cluster of rank 0 gives 0 to its vertices: a transport
- * whose material is free keeps its opaque vertices in a second, DIAGONAL tensor. */
+ * RADIAL: f16 [n_phase][n_radial][3][padded], rank = J, columns with factors of their own,
+ * because their size is that of the light, of the medium's functions and of the model. Without
+ * a basis (n_knot 0) all c are 1: colours that no material changes, such as a polynomial bake's
+ * opaque vertices. Clusters partition the positions. A cluster of rank 0 gives 0 to its
+ * vertices: a transport whose material is free keeps its opaque vertices in a second, DIAGONAL
+ * tensor. */
 struct prt_tensor {
     uint32_t term;         /* enum prt_term */
     uint32_t storage;      /* enum prt_storage */
@@ -116,6 +119,7 @@ struct prt_tensor {
     const struct prt_cluster *cluster;
     const uint16_t *u;    /* bits of i16, RADIAL of f16 */
     uint64_t u_count;     /* numbers in u */
+    const float *u_scale; /* RADIAL: [n_cluster][J][3] factors of U's columns; NULL: 1 */
     struct prt_rows rows; /* n_row 0 for RADIAL */
     /* Radial basis behind j (FULL, RADIAL): values on a grid; NULL otherwise. Of
      * PRT_RADIAL_WALK: the axes of a prt_walk_grid, levels and then nodes, and what each stored

@@ -246,6 +246,13 @@ static int random_clusters(struct prt_rng *rng, const struct synthetic_options *
     uint16_t *u = wide == 1 ? random_u(rng, t->u_count) : random_f16(rng, t->u_count, 0, 1);
     t->u = u;
     if (!u) return PRT_NOMEM;
+    if (wide == 3) {
+        float *scale = prt_alloc(3ull * o->n_cluster * rank, sizeof *scale);
+        t->u_scale = scale;
+        if (!scale) return PRT_NOMEM;
+        for (uint64_t k = 0; k < 3ull * o->n_cluster * rank; k++)
+            scale[k] = ldexpf(1, (int)(k % 5) - 2);
+    }
     for (uint32_t i = 0; i < o->n_cluster; i++) {
         const struct prt_cluster *c = &cluster[i];
         const uint64_t padded = (c->n_vertex + 15ull) & ~15ull, side = wide == 1 ? 2 : 1;
@@ -292,6 +299,7 @@ void synthetic_tensor_finish(struct prt_tensor *t)
     drop(t->order);
     drop(t->cluster);
     drop(t->u);
+    drop(t->u_scale);
     drop(t->rows.begin);
     drop(t->rows.index);
     drop(t->rows.entry);
