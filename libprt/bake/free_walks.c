@@ -287,6 +287,8 @@ void prt_free_walks_finish(struct free_walks *w)
 void prt_free_walks_mix(const struct free_walks *w, float *out)
 {
     const int block = (int)(w->n_vertex * w->n_light), n = (int)w->pool->n_media;
-    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)w->pool->n_function, block, n,
-                1, w->pool->mix, n, w->answer, block, 0, out, block);
+    const struct walk_pool *pool = w->pool;
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)pool->n_own[0], block, n, 1,
+                pool->mix, n, w->answer, block, 0, out, block);
+    memset(out + (size_t)pool->n_own[0] * block, 0, sizeof *out * pool->n_own[1] * block);
 }

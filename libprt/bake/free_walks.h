@@ -20,10 +20,12 @@ struct walk_pool {
     float *ratio_mix;   /* [n_media - n_walked][n_node] the walk of a ratio, of the nodes of the
                            last walked level; its sigma_a has the albedo of the medium */
     float *ratio_basis; /* [media.n][n_media - n_walked][n_radial] the dipole of the ratio */
-    uint32_t n_function;
-    float *mix;   /* [n_function][n_media] stored functions, of the media's answers */
-    float *basis; /* [n_function][n_media] the media, of the stored functions */
-    float *norm;  /* [n_media] the answer to even light */
+    /* Stored functions: the first n_own[0] are of clusters that are walked, the n_own[1] others
+     * of clusters that the dipole serves; functions of the other kind are 0 in a cluster. */
+    uint32_t n_function, n_own[2];
+    float *mix;     /* [n_function][n_media] stored functions, of the media's answers */
+    float *basis;   /* [n_function][n_media] the media, of the stored functions */
+    float *norm[2]; /* [n_media] the answer to even light of either kind */
 };
 /* Makes the pool. It depends on the body, the settings and the seed alone: all parts of a bake
  * have the same. Needs b->walk and the bases. */

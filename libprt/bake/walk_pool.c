@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 // The media at which a free medium's walks are known, and the few functions that are stored:
-// the leading directions of the media's answers in some clusters of the body, walked ones and
-// those that the dipole serves, to fields of irradiance on its surface that no light needs to
-// be known for.
+// the leading directions of the media's answers in some clusters of the body, to fields of
+// irradiance on its surface that no light needs to be known for. Clusters that are walked and
+// those that the dipole serves have functions of their own: a medium that absorbs much returns
+// far more light by the dipole, beside which the error of a function could hide the walks'.
 #include "bake/free_walks.h"
 #include "bake/sources.h"
 
@@ -15,8 +16,8 @@
 // The highest level that is walked [mm^-1]; at the next one the mean free path is a 15th of a
 // millimetre and the dipole's error is one factor.
 static const float last_walked = 10;
-// Directions: as many as leave this share of no medium's answers out, root mean square over
-// media, and at most the number below.
+// Directions of either kind: as many as leave this share of no medium's answers out, root mean
+// square over media, and at most the number below.
 static const double left_out = 0.002;
 enum { MOST_FUNCTIONS = 24, FIELDS = 24, PILOTS = 8 };
 // Answers of media below this share of the largest count as this share in the training.
@@ -119,7 +120,7 @@ struct pilot {
     const struct walk_pool *pool;
     const struct lit_rows *lit;
     struct radial_set radial;
-    uint32_t n_walk, n, cluster[2 * PILOTS];
+    uint32_t n_walk, n, n_walked, cluster[2 * PILOTS]; // the walked ones first
     double *gram, *even; // [2 PILOTS][n_media][n_media], [2 PILOTS][n_media] squares of even
                          // light
 };
@@ -204,15 +205,15 @@ static void choose_pilots(struct pilot *p, bool walked)
     }
 }
 
-// The leading eigenvectors of the media's correlations become functions.
-static int choose_functions(double *gram, struct walk_pool *p)
+// Appends functions of one kind to the pool: the leading eigenvectors of the media's
+// correlations. gram [n_media][n_media]: its answers' products, lower; overwritten. most: the
+// largest answer of all kinds.
+static int add_functions(double *gram, unsigned kind, double most, struct walk_pool *p)
 {
-    const uint32_t N = p->n_media;
-    double *value = prt_alloc(2 * (size_t)N, sizeof *value), *norm = value + N, left = N,
-           most = 0;
+    const uint32_t N = p->n_media, first = p->n_function;
+    double *value = prt_alloc(2 * (size_t)N, sizeof *value), *norm = value + N, left = N;
     uint32_t D = 0;
     if (!value) return PRT_NOMEM;
-    for (uint32_t i = 0; i < N; i++) most = fmax(most, sqrt(gram[i * N + i]));
     for (uint32_t i = 0; i < N;
          i++) // a medium without an answer, of few walks, has no direction
         norm[i] = fmax(sqrt(gram[i * N + i]), fmax(1e-9 * most, 1e-30));
@@ -223,17 +224,50 @@ static int choose_functions(double *gram, struct walk_pool *p)
                      : PRT_OK;
     for (; D < MOST_FUNCTIONS && D < N && left > left_out * left_out * N; D++)
         left -= value[N - 1 - D];
-    p->n_function = D;
-    p->mix = prt_alloc((size_t)D * N, sizeof *p->mix);
-    p->basis = prt_alloc((size_t)D * N, sizeof *p->basis);
-    if (!p->mix || !p->basis) status = PRT_NOMEM;
     for (uint32_t d = 0; d < D && !status; d++)
         for (uint32_t i = 0; i < N; i++) {
             const double x = gram[(size_t)i * N + (N - 1 - d)];
-            p->mix[(size_t)d * N + i] = (float)(x * most / norm[i] / sqrt(N));
-            p->basis[(size_t)d * N + i] = (float)(x * norm[i] / most * sqrt(N));
+            const size_t at = (size_t)(first + d) * N + i;
+            p->mix[at] = (float)(x * most / norm[i] / sqrt(N));
+            p->basis[at] = (float)(x * norm[i] / most * sqrt(N));
         }
+    p->n_own[kind] = D;
+    p->n_function += D;
     prt_free(value);
+    return status;
+}
+
+// Sums the answers of the pilots of one kind: products in the first one's place, and the
+// answers to even light.
+static void sum_kind(const struct pilot *pilot, unsigned kind, struct walk_pool *p)
+{
+    const size_t N = p->n_media;
+    const uint32_t begin = kind ? pilot->n_walked : 0;
+    const uint32_t end = kind ? pilot->n : pilot->n_walked;
+    double *gram = pilot->gram + begin * N * N;
+    for (size_t i = 0; i < N; i++) {
+        double even = 0;
+        for (size_t k = begin; k < end; k++) even += pilot->even[k * N + i];
+        p->norm[kind][i] = (float)sqrt(even) + 1e-12f;
+        for (size_t k = 1; k < end - begin; k++)
+            for (size_t j = 0; j <= i; j++) gram[i * N + j] += gram[(k * N + i) * N + j];
+    }
+}
+
+// The functions of both kinds.
+static int choose_functions(const struct pilot *pilot, struct walk_pool *p)
+{
+    const size_t N = p->n_media;
+    const bool any[2] = {pilot->n_walked > 0, pilot->n > pilot->n_walked};
+    double *gram[2] = {pilot->gram, pilot->gram + pilot->n_walked * N * N}, most = 0;
+    int status = PRT_OK;
+    for (unsigned kind = 0; kind < 2; kind++) {
+        sum_kind(pilot, kind, p);
+        for (size_t i = 0; i < N && any[kind]; i++)
+            most = fmax(most, sqrt(gram[kind][i * N + i]));
+    }
+    for (unsigned kind = 0; kind < 2 && !status; kind++)
+        if (any[kind]) status = add_functions(gram[kind], kind, most, p);
     return status;
 }
 
@@ -246,18 +280,11 @@ static int find_functions(const struct bake *b, const struct bases *bases, struc
     pilot.gram = prt_calloc(2 * PILOTS * N * N, sizeof *pilot.gram);
     pilot.even = prt_calloc(2 * PILOTS * N, sizeof *pilot.even);
     choose_pilots(&pilot, true);
+    pilot.n_walked = pilot.n;
     choose_pilots(&pilot, false);
     int status = pilot.gram && pilot.even ? fill_fields(b, &fields) : PRT_NOMEM;
     if (!status) status = prt_parallel_for(b->ctx, "walks", pilot.n, 1, pilot_range, &pilot);
-    for (size_t i = 0; i < N && !status; i++) {
-        double even = 0;
-        for (size_t k = 0; k < pilot.n; k++) even += pilot.even[k * N + i];
-        p->norm[i] = (float)sqrt(even) + 1e-12f;
-        for (size_t j = 0; j <= i; j++)
-            for (size_t k = 1; k < pilot.n; k++)
-                pilot.gram[i * N + j] += pilot.gram[(k * N + i) * N + j];
-    }
-    if (!status) status = choose_functions(pilot.gram, p);
+    if (!status) status = choose_functions(&pilot, p);
     prt_free(fields.value);
     prt_free(pilot.gram);
     prt_free(pilot.even);
@@ -277,8 +304,14 @@ int prt_walk_pool_create(const struct bake *b, const struct bases *bases, struct
     p->dipole = prt_alloc(n * p->n_media * p->n_radial, sizeof *p->dipole);
     p->ratio_mix = prt_alloc(n_above * p->grid.n_node, sizeof *p->ratio_mix);
     p->ratio_basis = prt_alloc(n * n_above * p->n_radial, sizeof *p->ratio_basis);
-    p->norm = prt_alloc(p->n_media, sizeof *p->norm);
-    int status = p->dipole && p->ratio_mix && p->ratio_basis && p->norm ? PRT_OK : PRT_NOMEM;
+    p->mix = prt_alloc(2 * MOST_FUNCTIONS * (size_t)p->n_media, sizeof *p->mix);
+    p->basis = prt_alloc(2 * MOST_FUNCTIONS * (size_t)p->n_media, sizeof *p->basis);
+    for (unsigned kind = 0; kind < 2; kind++)
+        p->norm[kind] = prt_alloc(p->n_media, sizeof *p->norm[kind]);
+    int status = p->dipole && p->ratio_mix && p->ratio_basis && p->mix && p->basis &&
+                         p->norm[0] && p->norm[1]
+                     ? PRT_OK
+                     : PRT_NOMEM;
     if (!status) status = fit_media(b, bases, p);
     if (!status) status = find_functions(b, bases, p);
     if (status == PRT_INTERNAL)
@@ -294,7 +327,8 @@ void prt_walk_pool_finish(struct walk_pool *p)
     prt_free(p->ratio_basis);
     prt_free(p->mix);
     prt_free(p->basis);
-    prt_free(p->norm);
+    prt_free(p->norm[0]);
+    prt_free(p->norm[1]);
     *p = (struct walk_pool){0};
 }
 
@@ -319,18 +353,22 @@ int prt_walk_pool_train(const struct walk_pool *p, struct bases *s)
 {
     const uint32_t D = p->n_function, J = p->grid.n_node;
     struct training *t = &s->training[0];
-    float most = 0;
+    float least[2] = {0, 0};
     prt_bases_drop_training(s);
-    for (uint32_t i = 0; i < p->n_media; i++) most = fmaxf(most, p->norm[i]);
+    for (unsigned kind = 0; kind < 2; kind++)
+        for (uint32_t i = 0; i < p->n_media; i++)
+            least[kind] = fmaxf(least[kind], (float)least_share * p->norm[kind][i]);
     t->weight = malloc((size_t)p->n_media * D * sizeof *t->weight);
     if (!t->weight) return PRT_NOMEM;
     t->n = 0;
     s->n_training = 1;
     for (uint32_t i = 0; i < p->n_media; i++) {
         if (i % J % 3 == 1) continue; // two of three absorptions
-        const float answer = fmaxf(p->norm[i], (float)least_share * most);
-        for (uint32_t d = 0; d < D; d++)
-            t->weight[(size_t)t->n * D + d] = p->basis[(size_t)d * p->n_media + i] / answer;
+        for (uint32_t d = 0; d < D; d++) {
+            const unsigned kind = d >= p->n_own[0];
+            t->weight[(size_t)t->n * D + d] =
+                p->basis[(size_t)d * p->n_media + i] / fmaxf(p->norm[kind][i], least[kind]);
+        }
         t->n++;
     }
     return PRT_OK;

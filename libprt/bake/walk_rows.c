@@ -13,12 +13,13 @@
 static float *dipole_mix(const struct walk_rows *s)
 {
     const struct walk_pool *p = s->pool;
-    float *out = prt_alloc((size_t)p->n_function * p->n_radial, sizeof *out);
+    const size_t walked = (size_t)p->n_own[0];
+    float *out = prt_calloc((size_t)p->n_function * p->n_radial, sizeof *out);
     if (out)
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)p->n_function,
-                    (int)p->n_radial, (int)p->n_media, 1, p->mix, (int)p->n_media,
-                    p->dipole + (size_t)s->medium * p->n_media * p->n_radial, (int)p->n_radial,
-                    0, out, (int)p->n_radial);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)p->n_own[1],
+                    (int)p->n_radial, (int)p->n_media, 1, p->mix + walked * p->n_media,
+                    (int)p->n_media, p->dipole + (size_t)s->medium * p->n_media * p->n_radial,
+                    (int)p->n_radial, 0, out + walked * p->n_radial, (int)p->n_radial);
     return out;
 }
 
@@ -120,7 +121,7 @@ static int combine_walks(const struct walk_rows *s, const float *u, uint32_t r, 
     int status = share && k && c.um && c.turned && c.one && c.q ? PRT_OK : PRT_NOMEM;
     if (!status && n) {
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)p->n_media,
-                    (int)p->n_function, 1, w, (int)p->n_function, p->mix, (int)p->n_media, 0,
+                    (int)p->n_own[0], 1, w, (int)p->n_function, p->mix, (int)p->n_media, 0,
                     share, (int)p->n_media);
         for (uint32_t m = 0; m < p->n_media; m++) {
             if (m < p->n_walked) walked_medium(&c, m);

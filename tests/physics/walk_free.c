@@ -237,8 +237,22 @@ static struct prt_mesh *closed_and_open(uint32_t *second)
     return mesh;
 }
 
-// Law: so it is beside a body that is walked: the stored functions hold the answers of both
-// (METHODS §9, holes). Strongly absorbing media have few walks and a dipole all the same.
+// The relative difference of one channel's colours.
+static double channel_difference(float (*a)[3], float (*b)[3], uint32_t n, int channel)
+{
+    double difference = 0, sum = 0;
+    for (uint32_t v = 0; v < n; v++) {
+        difference += pow((double)a[v][channel] - (double)b[v][channel], 2);
+        sum += pow((double)b[v][channel], 2);
+    }
+    return sqrt(difference / sum);
+}
+
+// Law: so it is beside a body that is walked: either kind has functions of its own (METHODS §9,
+// holes). Strongly absorbing media have few walks and a dipole all the same. The closed body
+// answers as in a bake of it alone, but for the samples of irradiance, of which it has half as
+// many beside the other. They change most in green of ketchup, where light is a thousandth of
+// that in red; functions of both kinds together were 19 % off there.
 static void holes_beside_a_closed_body(void **state)
 {
     static const char *const media[] = {"skin1", "marble", "ketchup"};
@@ -257,6 +271,10 @@ static void holes_beside_a_closed_body(void **state)
         answer(holed, PRT_ANSWER_MULTIPLE, &m, got);
         expect_below(expect_name("open body, %s: difference from the dipole", media[i]),
                      prt_relative_rmse(got[second], want[second], open), 0.03);
+        answer(joint, PRT_ANSWER_MULTIPLE, &m, want);
+        for (int c = 0; c < 2; c++)
+            expect_below(expect_name("closed body, %s, channel %d: alone", media[i], c),
+                         channel_difference(got, want, second, c), i == 2 && c ? 0.14 : 0.02);
     }
     free(got);
     free(want);
