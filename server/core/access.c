@@ -33,6 +33,11 @@ struct access {
     void *guests;
 };
 
+const char *caller_payer(const struct caller *caller)
+{
+    return caller->inviter[0] ? caller->inviter : caller->name;
+}
+
 const char *access_missing(unsigned has, unsigned wanted)
 {
     static const struct {
@@ -241,7 +246,7 @@ bool access_signature_is(const struct access *access, const char *name, const ch
 
 bool access_take_request(struct access *access, const struct caller *caller, uint32_t *retry_ms)
 {
-    struct token *t = token_of(access, caller->name);
+    struct token *t = token_of(access, caller_payer(caller));
     if (!t || !(t->rate > 0)) return true;
     uint64_t now = loop_now_ns();
     double most = fmax(ACCESS_BURST, t->rate);
@@ -323,6 +328,7 @@ enum access_verdict access_check(struct access *access, const char *who, const c
 {
     enum access_verdict verdict = ACCESS_NO_TOKEN;
     *retry_ms = 0;
+    *out = (struct caller){0};
     bool later = *secret && guesses_wait_ms(&access->guesses, who, loop_now_ns());
     if (*secret && !later && access->guest_check)
         verdict = access->guest_check(access->guests, secret, out, error);

@@ -17,9 +17,13 @@ struct options;
 /* A client after its identity was checked. */
 struct caller {
     char name[96];     /* the principal: "token:NAME", "uid:1000" or "addr:192.0.2.7" */
+    char inviter[96];  /* of a guest: the principal whose limits its work counts to; else "" */
     unsigned scopes;   /* enum access_scope */
     int64_t expires_s; /* seconds since 1970; 0: never */
 };
+
+/* The principal that is charged for what the caller does. */
+const char *caller_payer(const struct caller *caller);
 
 enum access_verdict {
     ACCESS_GRANTED,

@@ -149,7 +149,7 @@ static uint64_t expiry_ns(const struct caller *caller)
 bool connection_identify(struct connection *conn, const struct caller *caller, char error[256])
 {
     struct principal *from = conn->principal;
-    struct principal *to = ledger_principal(conn->server->ledger, caller->name);
+    struct principal *to = ledger_principal(conn->server->ledger, caller_payer(caller));
     snprintf(error, 256, "not enough memory");
     if (!to) return false;
     if (to != from) {

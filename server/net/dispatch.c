@@ -272,7 +272,7 @@ static void await_entry(struct request *request, struct model *model, struct cac
 
 static struct model *find(struct request *request, const char *name, char error[256])
 {
-    return models_find(request->server->models, request->conn->principal->name, name, error);
+    return models_find(request->server->models, request->conn->caller.name, name, error);
 }
 
 static void with(struct request *request, const char *name, with_model_fn fn,

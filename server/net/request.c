@@ -52,7 +52,7 @@ static void end(struct request *request)
              "access request=%s conn=%llu id=%llu op=%s outcome=%s ms=%.1f client=\"%s\"",
              request->request_id, (unsigned long long)conn->number,
              (unsigned long long)request->id, relight_type_name(request->type), outcome,
-             seconds * 1e3, request->principal->name);
+             seconds * 1e3, conn->caller.name);
     loop_timer_stop(server->loop, &request->deadline);
     *(request->prev ? &request->prev->next : &conn->requests) = request->next;
     if (request->next) request->next->prev = request->prev;
@@ -255,7 +255,7 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     vsnprintf(said, sizeof said, fmt, args);
     va_end(args);
     struct connection *conn = request->conn;
-    blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
+    blobs_name_in_text(conn->server->blobs, conn->caller.name, said, text, sizeof text);
     log_refusal(conn, request->request_id, request->type, request->id, code, text);
     request->abandon = NULL;
     request->outcome = code;

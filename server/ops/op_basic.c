@@ -262,7 +262,8 @@ static struct environments *list_environments(const struct request *request,
 {
     struct environments *e = malloc(sizeof *e);
     if (!e) return NULL;
-    size_t n = blobs_images(request->server->blobs, request->principal->name, e->listed, 1000);
+    size_t n =
+        blobs_images(request->server->blobs, request->conn->caller.name, e->listed, 1000);
     for (size_t i = 0; i < n; i++) {
         relight__environment_entry__init(&e->entry[i]);
         snprintf(e->env[i], sizeof e->env[i], "env:%s", e->listed[i].hash);
@@ -288,7 +289,7 @@ static void list_models(const struct request *request, struct info_text *text, s
             out->next = after;
             return;
         }
-        fill_info(m, request->conn->principal->name, &text[out->n_models]);
+        fill_info(m, request->conn->caller.name, &text[out->n_models]);
         out->models[out->n_models] = &text[out->n_models].info;
         out->n_models++;
         after = m->serial;
@@ -361,7 +362,7 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
         struct model_hashes hashes = model_hashes(file->value);
-        fill_info(m, request->conn->principal->name, text);
+        fill_info(m, request->conn->caller.name, text);
         text->info.mesh_hash = hashes.mesh;
         text->info.bake_hash = hashes.bake;
         text->info.material = media[0];
@@ -390,7 +391,7 @@ void op_info(struct request *request)
     const char *name = MESSAGE(InfoRequest)->model;
     char error[256];
     struct model *m =
-        models_find(request->server->models, request->conn->principal->name, name, error);
+        models_find(request->server->models, request->conn->caller.name, name, error);
     if (!m) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;
@@ -404,7 +405,7 @@ void op_info(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    fill_info(m, request->conn->principal->name, text);
+    fill_info(m, request->conn->caller.name, text);
     request_answer(request, &text->info.base, NULL);
     free(text->warning_text);
     free(text);
@@ -556,7 +557,7 @@ void op_unload(struct request *request)
     const Relight__UnloadRequest *in = MESSAGE(UnloadRequest);
     char error[256];
     struct model *m =
-        models_find(request->server->models, request->conn->principal->name, in->model, error);
+        models_find(request->server->models, request->conn->caller.name, in->model, error);
     if (!m) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;

@@ -75,7 +75,7 @@ static void start(struct request *request, const char *name, const char *pose,
 {
     char error[300];
     struct model *model =
-        models_find(request->server->models, request->conn->principal->name, name, error);
+        models_find(request->server->models, request->conn->caller.name, name, error);
     int code = model ? render_spec_pose(spec, model, pose, error)
                      : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
     if (!code && !in_time(request, model, spec)) {

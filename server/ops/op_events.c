@@ -46,7 +46,7 @@ static bool wanted(const struct subscription *s, const struct event *e)
 {
     bool kind = !s->n_kind;
     for (unsigned i = 0; i < s->n_kind; i++) kind |= s->kind[i] == e->kind;
-    if (e->visible_to[0] && strcmp(e->visible_to, s->request->principal->name)) return false;
+    if (e->visible_to[0] && strcmp(e->visible_to, s->request->conn->caller.name)) return false;
     if (!s->model[0] || !strcmp(s->model, e->model)) return kind;
     return kind && !strcmp(s->model, e->before); // its name went over
 }

@@ -64,7 +64,7 @@ static void fetched(struct request_wait *wait, struct request *request)
         Relight__GetBlobAnswer out = RELIGHT__GET_BLOB_ANSWER__INIT;
         struct payload payload = {f->bytes, f->n, f->bytes, free};
         char name[BLOB_NAME + 1];
-        blobs_name(f->server->blobs, request->principal->name, f->hash, name, sizeof name);
+        blobs_name(f->server->blobs, request->conn->caller.name, f->hash, name, sizeof name);
         out.size = f->size;
         out.name = name;
         f->bytes = NULL;
@@ -94,7 +94,8 @@ void op_get_blob(struct request *request)
     bool admin = request->conn->caller.scopes & SCOPE_ADMIN;
     uint64_t size;
     char error[256];
-    if (!blobs_owned(server->blobs, admin ? NULL : request->principal->name, in->hash, &size)) {
+    if (!blobs_owned(server->blobs, admin ? NULL : request->conn->caller.name, in->hash,
+                     &size)) {
         gone(request, in->hash);
         return;
     }

@@ -44,8 +44,7 @@ void op_watch(struct request *request)
     char error[256];
     struct job *job = jobs_find(server->jobs, name);
     if (!job) {
-        struct model *m =
-            models_find(server->models, request->conn->principal->name, name, error);
+        struct model *m = models_find(server->models, request->conn->caller.name, name, error);
         job = m ? jobs_find(server->jobs, m->id) : NULL;
         if (m && !job) {
             watch_without_job(request, m);
@@ -72,7 +71,7 @@ void op_cancel_job(struct request *request)
     }
     char error[256];
     const struct model *m =
-        models_find(server->models, request->conn->principal->name, job_model(job), error);
+        models_find(server->models, request->conn->caller.name, job_model(job), error);
     if (!operation_owned(request, m ? m->owner : "", job_id(job))) return;
     log_line(LOG_EVENT, "audit act=cancel-job who=%s job=%s model=%s",
              request->conn->caller.name, job_id(job), job_model(job));

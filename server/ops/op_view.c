@@ -176,7 +176,7 @@ static void send_frame(struct view *v, struct render_result *result)
     out.frame = ++v->frame;
     out.sequence = v->drawn_sequence;
     if (result->code) {
-        blobs_name_in_text(v->request->server->blobs, v->request->conn->principal->name,
+        blobs_name_in_text(v->request->server->blobs, v->request->conn->caller.name,
                            result->error, text, sizeof text);
         error_fill(&error, result->code, text, &fields);
         out.error = &error;
@@ -577,7 +577,7 @@ void op_view_open(struct request *request)
     const Relight__ViewOpenRequest *in = (const Relight__ViewOpenRequest *)request->message;
     char error[300];
     struct model *model =
-        models_find(request->server->models, request->conn->principal->name, in->model, error);
+        models_find(request->server->models, request->conn->caller.name, in->model, error);
     struct view *v = model ? calloc(1, sizeof *v) : NULL;
     if (!v) {
         request_fail(request,

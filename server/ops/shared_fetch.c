@@ -185,7 +185,7 @@ static void hold_back(struct request *request, const struct needs *needs, bool o
 void shared_fetch_then(struct request *request, const ProtobufCMessage *message, bool ordered,
                        void (*run)(struct request *request))
 {
-    struct needs needs = {.server = request->server, .asker = request->conn->principal->name};
+    struct needs needs = {.server = request->server, .asker = request->conn->caller.name};
     bool chunk = request->type == RELIGHT_TYPE_PUT_BLOB && request->payload_size;
     if (!chunk) message_names(message, need, &needs);
     bool wait =

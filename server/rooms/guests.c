@@ -39,6 +39,7 @@ bool guests_add(struct guests *guests, const char *room, const struct room_invit
     size_t size;
     snprintf(g->id, sizeof g->id, "%s", invite->id);
     snprintf(g->room, sizeof g->room, "%s", room);
+    snprintf(g->inviter, sizeof g->inviter, "%s", invite->inviter);
     g->expires_s = (int64_t)invite->expires_s;
     if (sodium_hex2bin(g->hash, sizeof g->hash, invite->hash, strlen(invite->hash), NULL, &size,
                        NULL) ||
@@ -92,6 +93,7 @@ enum access_verdict guests_check(void *user, const char *secret, struct caller *
         return g ? ACCESS_EXPIRED : ACCESS_WRONG;
     }
     snprintf(out->name, sizeof out->name, "%s%s", principal_prefix, g->id);
+    snprintf(out->inviter, sizeof out->inviter, "%s", g->inviter);
     out->scopes = SCOPE_VIEW;
     out->expires_s = g->expires_s;
     return ACCESS_GRANTED;

@@ -8,7 +8,7 @@
 #include "rooms/store.h"
 
 struct guest {
-    char id[40], room[40];
+    char id[40], room[40], inviter[96];
     uint8_t hash[32];
     int64_t expires_s; /* 0: never */
 };

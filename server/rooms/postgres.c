@@ -36,6 +36,9 @@ static const char schema[] =
     // Beside the room, so that a relightd that does not know it works on.
     "CREATE TABLE IF NOT EXISTS keeps (room bigint PRIMARY KEY REFERENCES room ON DELETE"
     " CASCADE, names text NOT NULL);"
+    // Whose limits a guest counts to. A relightd that does not know it leaves it empty: then
+    // the room's owner's.
+    "ALTER TABLE invite ADD COLUMN IF NOT EXISTS inviter text NOT NULL DEFAULT '';"
     "INSERT INTO relight_schema SELECT 1 WHERE NOT EXISTS (SELECT FROM relight_schema);";
 static const char settings[] =
     "SET statement_timeout = 10000; SET lock_timeout = 5000; SET synchronous_commit = on;"
@@ -232,9 +235,10 @@ static enum pg_fault write_summary(struct pg_db *db, uint64_t room,
         add_text(&p, m->invite[i].hash);
         add_number(&p, (uint64_t)m->invite[i].role);
         add_number(&p, m->invite[i].expires_s);
+        add_text(&p, m->invite[i].inviter);
         fault = ask(db,
-                    "INSERT INTO invite (room, id, hash, role, expires_s)"
-                    " VALUES ($1, $2, $3, $4, $5) ON CONFLICT (room, id) DO NOTHING",
+                    "INSERT INTO invite (room, id, hash, role, expires_s, inviter)"
+                    " VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (room, id) DO NOTHING",
                     &p, NULL);
     }
     return fault;
@@ -489,6 +493,7 @@ static bool fill_row(const struct room_task *task, const PGresult *r, int i,
         text_at(r, i, 2, row->hash, sizeof row->hash);
         row->role = (int)number_at(r, i, 3);
         row->expires_s = number_at(r, i, 4);
+        text_at(r, i, 5, row->name, sizeof row->name);
         return true;
     }
     text_at(r, i, 1, row->name, sizeof row->name);
@@ -506,7 +511,8 @@ static enum pg_fault read_rows(struct pg_db *db, struct room_task *task)
 {
     struct parameters p = {0};
     PGresult *r;
-    const char *sql = "SELECT r.id, i.id, i.hash, i.role, i.expires_s FROM invite i"
+    const char *sql = "SELECT r.id, i.id, i.hash, i.role, i.expires_s,"
+                      " coalesce(nullif(i.inviter, ''), r.owner) FROM invite i"
                       " JOIN room r ON r.number = i.room";
     if (task->kind == ROOM_TASK_LIST) {
         sql = "SELECT r.id, r.name, r.owner, coalesce(max(m.role), 0), r.sequence,"

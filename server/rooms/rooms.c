@@ -339,6 +339,7 @@ static bool take_guests(struct rooms *rooms, const struct room_task *task)
         struct room_invite invite = {.role = row->role, .expires_s = row->expires_s};
         snprintf(invite.id, sizeof invite.id, "%.32s", row->by);
         snprintf(invite.hash, sizeof invite.hash, "%s", row->hash);
+        snprintf(invite.inviter, sizeof invite.inviter, "%.95s", row->name);
         good = guests_add(&rooms->guests, row->room, &invite);
     }
     return good;

@@ -27,6 +27,9 @@ static const char *const steps[] = {
     " WHERE event.room = room.number);",
     // 3: what a room needs of the disk (store/holds.h); NULL: its state has to be read once
     "ALTER TABLE room ADD COLUMN keeps TEXT;",
+    // 4: whose limits a guest counts to; of earlier invitations the room's owner's
+    "ALTER TABLE invite ADD COLUMN inviter TEXT NOT NULL DEFAULT '';"
+    "UPDATE invite SET inviter = (SELECT owner FROM room WHERE room.number = invite.room);",
 };
 _Static_assert(sizeof steps / sizeof *steps == SQLITE_SCHEMA_VERSION, "a step a version");
 

@@ -21,8 +21,9 @@ static const char *const sql[SQL_N] = {
     [SQL_DROP_MEMBERS] = "DELETE FROM member WHERE room=?1",
     [SQL_ADD_MEMBER] = "INSERT OR REPLACE INTO member (room, by, role) VALUES (?1, ?2, ?3)",
     [SQL_DROP_INVITES] = "DELETE FROM invite WHERE room=?1",
-    [SQL_ADD_INVITE] = "INSERT OR REPLACE INTO invite (room, id, hash, role, expires_s)"
-                       " VALUES (?1, ?2, ?3, ?4, ?5)",
+    [SQL_ADD_INVITE] =
+        "INSERT OR REPLACE INTO invite (room, id, hash, role, expires_s, inviter)"
+        " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
     [SQL_SNAPSHOT] = "SELECT sequence, bytes FROM snapshot WHERE room=?1",
     [SQL_SET_SNAPSHOT] =
         "INSERT OR REPLACE INTO snapshot (room, sequence, bytes) VALUES (?1, ?2, ?3)",
@@ -33,7 +34,7 @@ static const char *const sql[SQL_N] = {
         " r.changed_us, r.closed, r.bytes FROM room r LEFT JOIN member m ON m.room = r.number"
         " AND m.by IN (?1, '*') GROUP BY r.number HAVING ?1 = '' OR max(m.role) > 0"
         " ORDER BY r.changed_us DESC LIMIT ?2",
-    [SQL_INVITES] = "SELECT r.id, i.id, i.hash, i.role, i.expires_s FROM invite i"
+    [SQL_INVITES] = "SELECT r.id, i.id, i.hash, i.role, i.expires_s, i.inviter FROM invite i"
                     " JOIN room r ON r.number = i.room",
     [SQL_OLD] = "SELECT id, name, owner, 0, sequence, created_us, changed_us, closed, bytes"
                 " FROM room WHERE closed AND changed_us < ?1",
@@ -174,6 +175,7 @@ static int write_summary(struct sqlite_db *db, sqlite3_int64 room, const struct 
         bind_text(s, 3, m->invite[i].hash);
         sqlite3_bind_int(s, 4, m->invite[i].role);
         bind_number(s, 5, m->invite[i].expires_s);
+        bind_text(s, 6, m->invite[i].inviter);
         fault = execute(db, s);
     }
     return fault;
@@ -376,6 +378,7 @@ static bool fill_row(const struct room_task *task, sqlite3_stmt *s, struct room_
         copy_column(s, 2, row->hash, sizeof row->hash);
         row->role = sqlite3_column_int(s, 3);
         row->expires_s = number_column(s, 4);
+        copy_column(s, 5, row->name, sizeof row->name);
         return true;
     }
     copy_column(s, 1, row->name, sizeof row->name);

@@ -58,14 +58,15 @@ struct room_summary {
         int role;
     } * member;
     struct room_invite {
-        char id[40], hash[65];
+        char id[40], hash[65], inviter[96];
         int role;
         uint64_t expires_s;
     } * invite; /* those that were not revoked */
 };
 /* A row of LIST, INVITES, KEEPS, OWNERS (by: owner, sequence: number of rooms) or PURGE. */
 struct room_row {
-    char room[40], name[128], by[96], hash[65]; /* by: of OWNERS the owner, of INVITES the id */
+    /* by: of OWNERS the owner, of INVITES the id; name: of INVITES the inviter */
+    char room[40], name[128], by[96], hash[65];
     int role;
     bool closed;
     uint64_t sequence, created_us, changed_us, bytes, expires_s;

@@ -18,6 +18,7 @@ static void add_invite(struct room_summary *out, const Relight__Invite *from)
     struct room_invite *to = &out->invite[out->n_invite++];
     snprintf(to->id, sizeof to->id, "%s", from->id);
     snprintf(to->hash, sizeof to->hash, "%s", from->hash);
+    snprintf(to->inviter, sizeof to->inviter, "%s", from->stamp->by);
     to->role = (int)from->role;
     to->expires_s = from->expires_s;
 }

@@ -77,6 +77,18 @@ static inline struct frames *frames_token(const struct daemon *d, const char *to
     return f;
 }
 
+// A token with the scope view, and edit for n_scope 2.
+static inline void make_token(const struct daemon *d, const char *name, size_t n_scope,
+                              char secret[RELIGHT_SECRET])
+{
+    struct relight_client *client = client_open(d->address);
+    struct relight_error error;
+    const char *scopes[] = {"view", "edit"};
+    struct relight_token_order order = {.name = name, .scope = scopes, .n_scope = n_scope};
+    OK(relight_token_create(client, &order, secret, &error));
+    relight_close(client);
+}
+
 static inline void room_create(struct frames *f, const char *name, char room[33])
 {
     Relight__RoomCreateRequest m = RELIGHT__ROOM_CREATE_REQUEST__INIT;

@@ -121,7 +121,8 @@ def bakes():
 def forget_what_rooms_need():
     """The rooms as the version before wrote them."""
     with contextlib.closing(sqlite3.connect('data/rooms.sqlite')) as db:
-        db.executescript('ALTER TABLE room DROP COLUMN keeps; PRAGMA user_version=2')
+        db.executescript('ALTER TABLE room DROP COLUMN keeps; ALTER TABLE invite DROP COLUMN inviter; '
+                         'PRAGMA user_version=2')
 
 
 def check():

@@ -321,16 +321,6 @@ static void a_cursor_resumes(void **unused)
 // ---- rights
 
 // n_scope: view alone, or edit, too.
-static void make_token(const char *name, size_t n_scope, char secret[RELIGHT_SECRET])
-{
-    struct relight_client *client = client_open(d.address);
-    struct relight_error error;
-    const char *scopes[] = {"view", "edit"};
-    struct relight_token_order order = {.name = name, .scope = scopes, .n_scope = n_scope};
-    OK(relight_token_create(client, &order, secret, &error));
-    relight_close(client);
-}
-
 static int set_member(struct frames *f, const char *room, const char *by, int role)
 {
     Relight__Member member = RELIGHT__MEMBER__INIT;
@@ -359,7 +349,7 @@ static void members_and_scopes(void **unused)
     struct frames *owner = frames_open(&d);
     char room[33], bob_secret[RELIGHT_SECRET], text[512];
     room_create(owner, "members", room);
-    make_token("bob", 1, bob_secret);
+    make_token(&d, "bob", 1, bob_secret);
     struct frames *bob = frames_token(&d, bob_secret, NULL);
     int code;
     // A room of others is not there.
@@ -413,7 +403,7 @@ static void closed_while_it_leaves_its_seats(void **unused)
     struct frames *owner = frames_open(&d);
     char room[33], secret[RELIGHT_SECRET];
     room_create(owner, "seats", room);
-    make_token("bob", 1, secret);
+    make_token(&d, "bob", 1, secret);
     assert_int_equal(set_member(owner, room, "token:bob", RELIGHT__ROOM_ROLE__ROLE_VIEWER), 0);
     struct frames *bob = frames_token(&d, secret, NULL);
     for (uint64_t id = 10; id < 10 + N; id++) {
@@ -450,7 +440,7 @@ static void a_new_role_is_seen(void **unused)
     begin(NULL);
     struct frames *owner = frames_open(&d), *watch = frames_open(&d);
     char room[33], secret[RELIGHT_SECRET];
-    make_token("eve", 2, secret);
+    make_token(&d, "eve", 2, secret);
     room_create(owner, "roles", room);
     assert_int_equal(set_member(owner, room, "token:eve", RELIGHT__ROOM_ROLE__ROLE_VIEWER), 0);
     struct frames *eve = frames_token(&d, secret, NULL);
@@ -600,14 +590,14 @@ static void the_list_tells_roles(void **unused)
     uint64_t at;
     room_create(owner, "roles", room);
     assert_int_equal(role_in_list(owner), RELIGHT__ROOM_ROLE__ROLE_OWNER);
-    make_token("bob", 1, secret);
+    make_token(&d, "bob", 1, secret);
     for (int role = viewer; role <= reviewer; role++) {
         assert_int_equal(set_member(owner, room, "token:bob", role), 0);
         f = frames_token(&d, secret, NULL);
         assert_int_equal(role_in_list(f), viewer);
         frames_close(f);
     }
-    make_token("eve", 2, secret);
+    make_token(&d, "eve", 2, secret);
     for (int role = viewer; role <= reviewer; role++) {
         assert_int_equal(set_member(owner, room, "token:eve", role), 0);
         f = frames_token(&d, secret, NULL);

@@ -40,7 +40,7 @@ int env_of_request(const struct request *request, const char *env, char out[96],
 {
     if (strncmp(env, "name:", 5)) return env_canonical(env, out, error);
     const char *hash =
-        blobs_image_named(request->server->blobs, request->principal->name, env + 5);
+        blobs_image_named(request->server->blobs, request->conn->caller.name, env + 5);
     if (hash) snprintf(out, 96, "env:%s", hash);
     else
         snprintf(error, 300,
