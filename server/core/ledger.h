@@ -25,6 +25,8 @@ struct options;
     X(UPLOADS, "uploads under way", "", client_uploads, uploads)                            \
     X(MODELS, "models", "", client_models, max_models)                                      \
     X(ROOMS, "review rooms", "", client_rooms, max_rooms)                                   \
+    X(ROOM_MEMORY, "bytes of review rooms in memory", " bytes", client_room_memory,         \
+      room_memory)                                                                          \
     X(DISK, "bytes on disk", " bytes", client_disk, disk)
 
 enum ledger_resource {

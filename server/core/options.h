@@ -185,6 +185,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "from sqlite:FILE to postgresql://…, or back")                                            \
     X(COUNT, client_rooms, "client-rooms", "N", "1000", "Review rooms that one client made")    \
     X(COUNT, max_rooms, "max-rooms", "N", "100000", "Review rooms of all clients")              \
+    X(BYTES, client_room_memory, "client-room-memory", "BYTES", "128M",                         \
+      "Memory of the review rooms that one client made and somebody uses; unused ones leave "   \
+      "memory first. Beyond it a room is not opened, and takes nothing more")                   \
+    X(BYTES, room_memory, "room-memory", "BYTES", "1G", "Memory of all review rooms in use")    \
     X(TEXT, room_hook, "room-hook", "URL", "",                                                  \
       "Post pins and decisions of review rooms here, as JSON: https://HOST[:PORT][/PATH]. "     \
       "The server's certificate is checked against the system's store, or SSL_CERT_FILE")       \

@@ -257,8 +257,15 @@ static void begin(struct edit *edit)
         refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
         return;
     }
-    int code = room_fold(room->state, edit->event, error);
+    uint64_t grown;
     room_packed_drop(room);
+    if (!room_memory_grow(room, edit->event, &grown, error)) {
+        give_back(edit);
+        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+        return;
+    }
+    int code = room_fold(room->state, edit->event, error);
+    if (code) room_memory_shrink(room, grown);
     edit->has_summary = !code && changes_summary(edit->event->action);
     summary_finish(&edit->summary);
     free(edit->keeps);

@@ -23,6 +23,7 @@ void room_packed_drop(struct room *room)
     shared_release(room->packed);
     room->packed = NULL;
     room->packed_hash[0] = 0;
+    room_memory_update(room);
 }
 
 struct shared_bytes *room_packed(struct room *room)
@@ -35,6 +36,7 @@ struct shared_bytes *room_packed(struct room *room)
         packed->n = n;
         protobuf_c_message_pack(&room->state->base, packed->bytes);
         room->packed = packed;
+        room_memory_update(room);
     }
     room->packed->refs++;
     return room->packed;

@@ -32,6 +32,7 @@ struct rooms {
     struct server *server;
     struct room_store *store;
     struct room *hash[ROOMS_HASH];
+    struct room *oldest_idle, *newest_idle; /* that nobody uses, in the order of their use */
     unsigned n_room, n_seat;
     uint64_t last_key; /* of a participant */
     struct guests guests;
@@ -95,6 +96,14 @@ struct room {
     struct {
         uint64_t key, presence;
     } gone[ROOM_GONE];
+    struct room_memory {
+        uint64_t state; /* bytes of `state` when they were counted */
+        uint64_t since; /* that events added since, at most */
+        bool less;      /* events took something out since */
+        uint64_t charged;
+    } memory;
+    struct room *older_idle, *newer_idle;
+    bool is_idle;
     unsigned n_gone; /* that left so far; the last ones are at n % ROOM_GONE */
     struct loop_timer idle, tick;
     struct room_task load;
@@ -107,6 +116,10 @@ struct room *room_in_memory(struct rooms *rooms, const char *id);
 void room_use(struct rooms *rooms, const char *id, struct room_waiter *waiter);
 void room_hold(struct room *room);
 void room_release(struct room *room); /* the last one starts the time until it leaves memory */
+/* Those who are behind get the state in place of the events. */
+void room_drop_tail(struct room *room);
+/* One that nobody uses leaves memory; false: it is used. */
+bool room_let_go(struct room *room);
 /* The state has to be read again, once no event is under way. */
 void room_spoil(struct room *room);
 void room_reload_if_idle(struct room *room);
@@ -145,6 +158,18 @@ void room_give_back(struct rooms *rooms, const char *owner, uint64_t bytes);
 /* Counts what other replicas made and deleted; of a store of one process, nothing. */
 void rooms_count(struct rooms *rooms);
 void room_charges_finish(struct rooms *rooms);
+
+/* room_memory.c: LEDGER_ROOM_MEMORY of the room's owner */
+/* The state was read. False: it does not fit beside the rooms in use; forced: it is charged all
+ * the same, since somebody sits in the room. */
+bool room_memory_state(struct room *room, bool forced, char error[ROOM_ERROR]);
+/* Before an event is folded: charges what the state may grow by. False: there is no room. */
+bool room_memory_grow(struct room *room, const Relight__RoomEvent *event, uint64_t *bytes,
+                      char error[ROOM_ERROR]);
+/* The event was refused, and the state did not grow. */
+void room_memory_shrink(struct room *room, uint64_t bytes);
+/* The state, its packed form or the tail came or went. */
+void room_memory_update(struct room *room);
 
 /* room_packed.c */
 /* The packed state with a reference for the caller, who calls shared_release; NULL without

@@ -206,6 +206,7 @@ static struct shared_bytes *batch_after(struct room *room, uint64_t from)
     room->batch = batch;
     room->batch_from = from;
     room->batch_to = to;
+    room_memory_update(room);
     return batch;
 }
 

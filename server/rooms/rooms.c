@@ -46,24 +46,51 @@ struct room *room_add(struct rooms *rooms, const char *id)
     return room;
 }
 
-static void drop_tail(struct room *room)
+static void unlink_idle(struct room *room)
+{
+    struct rooms *rooms = room->rooms;
+    if (!room->is_idle) return;
+    *(room->newer_idle ? &room->newer_idle->older_idle : &rooms->newest_idle) =
+        room->older_idle;
+    *(room->older_idle ? &room->older_idle->newer_idle : &rooms->oldest_idle) =
+        room->newer_idle;
+    room->newer_idle = room->older_idle = NULL;
+    room->is_idle = false;
+}
+
+static void link_idle(struct room *room)
+{
+    struct rooms *rooms = room->rooms;
+    unlink_idle(room);
+    room->older_idle = rooms->newest_idle;
+    *(rooms->newest_idle ? &rooms->newest_idle->newer_idle : &rooms->oldest_idle) = room;
+    rooms->newest_idle = room;
+    room->is_idle = true;
+}
+
+void room_drop_tail(struct room *room)
 {
     for (unsigned i = 0; room->tail && i < room->tail->n; i++)
         free(room->tail->event[(room->tail->first + i) % room->tail->most].bytes);
     free(room->tail);
     room->tail = NULL;
+    room_memory_update(room);
 }
 
 static void room_free(struct room *room)
 {
     struct rooms *rooms = room->rooms;
     *slot(rooms, room->id) = room->next;
+    unlink_idle(room);
     loop_timer_stop(rooms->server->loop, &room->idle);
     loop_timer_stop(rooms->server->loop, &room->tick);
-    drop_tail(room);
+    room_drop_tail(room);
     shared_release(room->batch);
+    room->batch = NULL;
     room_packed_drop(room);
     room_state_free(room->state);
+    room->state = NULL;
+    room_memory_update(room);
     rooms->n_room--;
     free(room);
 }
@@ -74,18 +101,24 @@ static bool in_use(const struct room *room)
            room->seats || room->readers;
 }
 
-static void idle_over(struct loop_timer *timer)
+bool room_let_go(struct room *room)
 {
-    struct room *room = (struct room *)((char *)timer - offsetof(struct room, idle));
-    if (in_use(room)) return;
+    if (in_use(room)) return false;
     if (room->state && !room->stale && room->committed > room->snapshot)
         room_write_snapshot(room);
     room_free(room);
+    return true;
+}
+
+static void idle_over(struct loop_timer *timer)
+{
+    room_let_go((struct room *)((char *)timer - offsetof(struct room, idle)));
 }
 
 void room_hold(struct room *room)
 {
     room->users++;
+    unlink_idle(room);
 }
 
 void room_release(struct room *room)
@@ -97,6 +130,7 @@ void room_release(struct room *room)
     uint64_t keep_ns = room->state && !room->stale && room->committed
                            ? (uint64_t)(server->options.room_idle * 1e9)
                            : 0;
+    link_idle(room);
     loop_timer_set(server->loop, &room->idle, loop_now_ns() + keep_ns);
 }
 
@@ -122,7 +156,7 @@ void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_
 {
     struct room_tail *t = room->tail;
     if ((!t || (t->n == t->most && t->most < ROOM_TAIL)) && !grow_tail(room)) {
-        drop_tail(room); // those who sit here get the state instead
+        room_drop_tail(room); // those who sit here get the state instead
         free(bytes);
         return;
     }
@@ -137,6 +171,7 @@ void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_
     t->event[(t->first + t->n++) % t->most] =
         (struct room_event_bytes){.sequence = sequence, .bytes = bytes, .n = n};
     t->bytes += n;
+    room_memory_update(room);
 }
 
 // ---- snapshots
@@ -205,12 +240,23 @@ static void tell_waiters(struct room *room, int code, const char *error)
     struct room_waiter *all = room->waiters;
     room->waiters = NULL;
     room->last_waiter = &room->waiters;
-    room_hold(room);
     for (struct room_waiter *w = all, *next; w; w = next) {
         next = w->next;
         w->then(w, code ? NULL : room, code, error);
     }
-    room_release(room);
+}
+
+// Where nobody sits in it, a state that does not fit is not kept.
+static bool has_room(struct room *room)
+{
+    char error[ROOM_ERROR];
+    bool fits = room_memory_state(room, room->seats != NULL, error);
+    if (!fits) {
+        room_state_free(room->state);
+        room->state = NULL;
+        tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+    }
+    return fits;
 }
 
 static void take_loaded(struct room *room, struct room_task *task)
@@ -227,33 +273,31 @@ static void take_loaded(struct room *room, struct room_task *task)
     room->snapshot = task->sequence;
     room->bytes = task->stored_bytes;
     snprintf(room->owner, sizeof room->owner, "%s", room->state->created->by);
+    if (!has_room(room)) return;
     room_set_needs(room->rooms, room->state, false);
-    drop_tail(room); // its events may not be those of the store
+    room_drop_tail(room); // its events may not be those of the store
     for (size_t i = task->n_event > ROOM_TAIL ? task->n_event - ROOM_TAIL : 0;
          i < task->n_event; i++) {
         room_keep_event(room, task->event[i].sequence, task->event[i].bytes, task->event[i].n);
         task->event[i].bytes = NULL;
     }
-    room_hold(room);
     edits_again(room);
     tell_waiters(room, 0, "");
     seats_check(room); // another replica may have changed who may be here
     seats_wake(room);
-    room_release(room);
 }
 
 static void loaded(struct room_task *task)
 {
     struct room *room = (struct room *)((char *)task - offsetof(struct room, load));
+    room_hold(room); // `task` is a part of it
     room->loading = false;
     room->stale = room->again_stale; // written by another replica meanwhile
     room->again_stale = false;
     if (task->status == ROOM_TASK_DONE) take_loaded(room, task);
     else if (task->status == ROOM_TASK_MISSING) {
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "");
-        room_hold(room);
         seats_end(room);
-        room_release(room);
     } else {
         log_line(LOG_ERR, "room=%s: it could not be read: %s", room->id, task->error);
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room could not be read");
@@ -261,6 +305,7 @@ static void loaded(struct room_task *task)
     room_task_finish(task);
     if (!room->state) edits_again(room); // they fail
     room_reload_if_idle(room);
+    room_release(room);
 }
 
 static void begin_load(struct room *room)
@@ -269,6 +314,7 @@ static void begin_load(struct room *room)
     room_packed_drop(room);
     room_state_free(room->state);
     room->state = NULL;
+    room_memory_update(room);
     room->load = (struct room_task){.kind = ROOM_TASK_LOAD, .done = loaded};
     snprintf(room->load.room, sizeof room->load.room, "%s", room->id);
     room->rooms->store->api->submit(room->rooms->store, &room->load);

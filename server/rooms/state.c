@@ -22,6 +22,73 @@ void *message_copy(const void *from)
     return copy;
 }
 
+// malloc keeps 8 bytes beside a block, rounds up to 16, and gives no less than 32.
+static size_t block_memory(size_t bytes)
+{
+    size_t taken = (bytes + 8 + 15) / 16 * 16;
+    return !bytes ? 0 : taken < 32 ? 32 : taken;
+}
+
+static size_t value_memory(const ProtobufCFieldDescriptor *field, const void *at)
+{
+    if (field->type == PROTOBUF_C_TYPE_MESSAGE) return message_memory(*(void *const *)at);
+    if (field->type == PROTOBUF_C_TYPE_BYTES)
+        return block_memory(((const ProtobufCBinaryData *)at)->len);
+    if (field->type != PROTOBUF_C_TYPE_STRING) return 0;
+    const char *text = *(char *const *)at;
+    return text && text != protobuf_c_empty_string ? block_memory(strlen(text) + 1) : 0;
+}
+
+static size_t value_size(ProtobufCType type)
+{
+    switch (type) {
+    case PROTOBUF_C_TYPE_INT32:
+    case PROTOBUF_C_TYPE_SINT32:
+    case PROTOBUF_C_TYPE_SFIXED32:
+    case PROTOBUF_C_TYPE_UINT32:
+    case PROTOBUF_C_TYPE_FIXED32:
+    case PROTOBUF_C_TYPE_FLOAT:
+    case PROTOBUF_C_TYPE_ENUM:
+    case PROTOBUF_C_TYPE_BOOL:
+        return 4;
+    case PROTOBUF_C_TYPE_BYTES:
+        return sizeof(ProtobufCBinaryData);
+    default:
+        return 8;
+    }
+}
+
+size_t message_memory(const void *of)
+{
+    const ProtobufCMessage *message = of;
+    if (!message) return 0;
+    const char *base = of;
+    size_t sum = block_memory(message->descriptor->sizeof_message);
+    for (unsigned i = 0; i < message->descriptor->n_fields; i++) {
+        const ProtobufCFieldDescriptor *field = &message->descriptor->fields[i];
+        const char *at = base + field->offset;
+        size_t n = 1, size = value_size(field->type);
+        if (field->label == PROTOBUF_C_LABEL_REPEATED) {
+            n = *(const size_t *)(base + field->quantifier_offset);
+            at = *(char *const *)at;
+            sum += block_memory(n * size);
+        }
+        bool flat = size == 4 || (field->type != PROTOBUF_C_TYPE_MESSAGE &&
+                                  field->type != PROTOBUF_C_TYPE_STRING &&
+                                  field->type != PROTOBUF_C_TYPE_BYTES);
+        for (size_t j = 0; j < n && !flat; j++) sum += value_memory(field, at + j * size);
+    }
+    return sum;
+}
+
+size_t event_memory(const Relight__RoomState *state, const Relight__RoomEvent *event)
+{
+    // Stamps of six parts before and after, a step, a client's number, mentions of a note.
+    enum { BESIDE = 8192 };
+    // A revision is a copy of the scene.
+    return message_memory(event) + message_memory(state->scene) + BESIDE;
+}
+
 void text_free(char *text)
 {
     if (text != protobuf_c_empty_string) free(text);

@@ -14,6 +14,11 @@ struct folding {
     char *error; /* [ROOM_ERROR] */
 };
 
+/* Bytes of memory that a message takes with all that it holds, those of the allocator
+ * included. NULL: 0. */
+size_t message_memory(const void *message);
+/* Bytes that an event adds to a state at most. */
+size_t event_memory(const Relight__RoomState *state, const Relight__RoomEvent *event);
 /* Copies; NULL without memory (or for NULL). */
 void *message_copy(const void *message);
 /* Empty stands for the default of texts, which is not freed. */

@@ -48,10 +48,109 @@ static void guests_share_their_inviters_limits(void **unused)
     end();
 }
 
+// ---- memory
+
+// A revision with a note of 8000 bytes.
+static int save(struct frames *f, const char *room, float deg, char text[512])
+{
+    static char note[8001];
+    Relight__SaveRevision m = RELIGHT__SAVE_REVISION__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    memset(note, 'n', sizeof note - 1);
+    m.note = note;
+    action.save = &m;
+    int code = room_rotate(f, room, deg);
+    if (!code) code = room_edit_now(f, room, &action, NULL, text);
+    return code;
+}
+
+static int undo(struct frames *f, const char *room)
+{
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    Relight__Nothing nothing = RELIGHT__NOTHING__INIT;
+    action.undo = &nothing;
+    return room_edit_now(f, room, &action, NULL, NULL);
+}
+
+static double room_memory(void)
+{
+    struct relight_client *client = client_open(d.address);
+    double bytes = metric(client, "relightd_resource_held{resource=\"room_memory\"}");
+    relight_close(client);
+    return bytes;
+}
+
+// A room that somebody uses grows up to its owner's memory, and no further; what takes nothing
+// more is accepted.
+static void a_room_has_its_owners_memory(void **unused)
+{
+    static const char *const extra[] = {"--client-room-memory", "256k", NULL};
+    char room[33], text[512] = "";
+    begin(extra);
+    struct frames *f = frames_open(&d);
+    room_create(f, "large", room);
+    room_add_subscribe(f, 20, room, 0, "Ann");
+    int n = 0, code = 0;
+    while (n < 100 && !(code = save(f, room, (float)n, text))) n++;
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_in_range(n, 10, 32);
+    if (text[0]) assert_non_null(strstr(text, "--client-room-memory"));
+    assert_int_equal(undo(f, room), 0);
+    assert_true(room_memory() > 100e3 && room_memory() <= 600e3); // with its tail
+    frames_close(f);
+    end();
+}
+
+// Rooms that nobody uses leave memory for those that somebody uses, and come back.
+static void unused_rooms_leave_memory(void **unused)
+{
+    static const char *const extra[] = {"--client-room-memory", "256k", "--room-memory", "1M",
+                                        NULL};
+    enum { ROOMS = 8, EACH = 4 };
+    char room[ROOMS][33], text[512];
+    int code;
+    begin(extra);
+    struct frames *f = frames_open(&d);
+    for (int i = 0; i < ROOMS; i++) {
+        room_create(f, "one of many", room[i]);
+        for (int k = 0; k < EACH; k++) assert_int_equal(save(f, room[i], (float)k, text), 0);
+        assert_true(room_memory() < 600e3);
+    }
+    for (int i = 0; i < ROOMS; i++) {
+        Relight__RoomState *state = room_state(f, room[i], NULL, NULL);
+        assert_int_equal(state->n_revisions, EACH);
+        relight__room_state__free_unpacked(state, NULL);
+    }
+    // Those in use stay.
+    struct frames *sits = frames_open(&d);
+    int n = 0;
+    for (code = 0; n < ROOMS && !code; n += !code) {
+        room_add_subscribe(sits, 20 + (uint64_t)n, room[n], 0, "Bob");
+        frames_send(sits);
+        struct reply r = reply_to(sits, 20 + (uint64_t)n);
+        if ((code = r.code)) assert_non_null(strstr(r.text, "--client-room-memory"));
+        reply_free(&r);
+    }
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_in_range(n, 2, ROOMS - 1);
+    assert_null(room_state(f, room[n], NULL, &code));
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    frames_close(sits);
+    Relight__RoomState *state = NULL;
+    for (int i = 0; !state && i < 100; i++, sleep_ms(20))
+        state = room_state(f, room[n], NULL, &code);
+    assert_non_null(state);
+    relight__room_state__free_unpacked(state, NULL);
+    frames_close(f);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(guests_share_their_inviters_limits, teardown),
+        cmocka_unit_test_teardown(a_room_has_its_owners_memory, teardown),
+        cmocka_unit_test_teardown(unused_rooms_leave_memory, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
