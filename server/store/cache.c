@@ -15,7 +15,7 @@
 enum { FIRST_BUCKETS = 1024, LARGE = 4 << 20 };
 
 struct cache {
-    struct cache_entry **bucket;
+    struct cache_entry **bucket, **begin[CACHE_BEGINNINGS]; // [n_bucket] each
     size_t n_bucket;
     uint64_t seed;
     struct cache_entry *newest, *oldest;
@@ -32,14 +32,23 @@ struct cache {
     struct work_pool *workers;    // NULL: values are destroyed at once
 };
 
+// One block: by keys, then by their beginnings.
+static void set_tables(struct cache *cache, struct cache_entry **block, size_t n)
+{
+    cache->bucket = block;
+    cache->n_bucket = n;
+    for (int i = 0; i < CACHE_BEGINNINGS; i++) cache->begin[i] = block + (size_t)(i + 1) * n;
+}
+
 int cache_create(size_t budget_bytes, struct cache **out)
 {
     struct cache *cache = calloc(1, sizeof *cache);
-    if (cache) cache->bucket = calloc(FIRST_BUCKETS, sizeof *cache->bucket);
+    if (cache) cache->bucket = calloc(FIRST_BUCKETS, (1 + CACHE_BEGINNINGS) * sizeof(void *));
     if (!cache || !cache->bucket) {
         free(cache);
         return PRT_NOMEM;
     }
+    set_tables(cache, cache->bucket, FIRST_BUCKETS);
     if (getrandom(&cache->seed, sizeof cache->seed, 0) != sizeof cache->seed) {
         cache_destroy(cache);
         return PRT_IO;
@@ -51,7 +60,6 @@ int cache_create(size_t budget_bytes, struct cache **out)
                                             .error = "not enough memory",
                                             .cache = cache};
     cache->last_admission = &cache->admission;
-    cache->n_bucket = FIRST_BUCKETS;
     cache->budget = budget_bytes;
     *out = cache;
     return PRT_OK;
@@ -62,20 +70,63 @@ static struct cache_entry **bucket_of(const struct cache *cache, uint64_t hash)
     return &cache->bucket[hash % cache->n_bucket];
 }
 
-// Without memory the table keeps its size, and chains get longer.
+// ---- entries whose keys begin alike
+
+// Bytes of MODEL/, or of MODEL/NUMBER/ (which: 1); 0 where the text does not begin so.
+static size_t beginning(const char *text, int which)
+{
+    const char *slash = strchr(text, '/');
+    if (!slash || !which) return slash ? (size_t)(slash - text) + 1 : 0;
+    size_t digits = strspn(slash + 1, "0123456789");
+    return digits && slash[1 + digits] == '/' ? (size_t)(slash - text) + digits + 2 : 0;
+}
+
+static void link_beginning(struct cache *cache, struct cache_entry *e, int which)
+{
+    struct cache_link *link = &e->beginning[which];
+    struct cache_entry **head = &cache->begin[which][link->hash % cache->n_bucket];
+    if ((link->next = *head)) link->next->beginning[which].at = &link->next;
+    link->at = head;
+    *head = e;
+}
+
+static void enter_beginnings(struct cache *cache, struct cache_entry *e)
+{
+    for (int i = 0; i < CACHE_BEGINNINGS; i++) {
+        size_t n = beginning(e->key, i);
+        if (!n) continue;
+        e->beginning[i].hash = prt_hash64(e->key, n, cache->seed);
+        link_beginning(cache, e, i);
+    }
+}
+
+static void leave_beginnings(struct cache_entry *e)
+{
+    for (int i = 0; i < CACHE_BEGINNINGS; i++) {
+        struct cache_link *link = &e->beginning[i];
+        if (!link->at) continue;
+        *link->at = link->next;
+        if (link->next) link->next->beginning[i].at = link->at;
+        link->at = NULL;
+    }
+}
+
+// Without memory the tables keep their size, and chains get longer.
 static void grow(struct cache *cache)
 {
     size_t n = cache->n_bucket;
-    struct cache_entry **old = cache->bucket, **fresh = calloc(2 * n, sizeof *fresh);
+    struct cache_entry **old = cache->bucket;
+    struct cache_entry **fresh = calloc(2 * n, (1 + CACHE_BEGINNINGS) * sizeof *fresh);
     if (!fresh) return;
-    cache->bucket = fresh;
-    cache->n_bucket = 2 * n;
+    set_tables(cache, fresh, 2 * n);
     for (size_t i = 0; i < n; i++)
         for (struct cache_entry *e = old[i], *next; e; e = next) {
             struct cache_entry **to = bucket_of(cache, e->hash);
             next = e->chain;
             e->chain = *to;
             *to = e;
+            for (int k = 0; k < CACHE_BEGINNINGS; k++)
+                if (e->beginning[k].at) link_beginning(cache, e, k);
         }
     free(old);
 }
@@ -116,6 +167,7 @@ static void unlink_key(struct cache *cache, struct cache_entry *e)
     while (*at && *at != e) at = &(*at)->chain;
     if (*at) {
         *at = e->chain;
+        leave_beginnings(e);
         cache->counts.entries--;
     }
     e->chain = NULL;
@@ -345,6 +397,7 @@ struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh)
     struct cache_entry **bucket = bucket_of(cache, e->hash);
     e->chain = *bucket;
     *bucket = e;
+    enter_beginnings(cache, e);
     cache->counts.entries++;
     cache->counts.bytes += overhead(e);
     return e;
@@ -454,16 +507,34 @@ static void free_list(struct cache *cache, struct cache_entry *e)
     }
 }
 
+static bool begins(const struct cache_entry *e, const char *prefix, bool pending)
+{
+    return !strncmp(e->key, prefix, strlen(prefix)) && (pending || e->state != CACHE_PENDING);
+}
+
+// Those of a model, or of its generation.
+static void leave_alike(struct cache *cache, const char *prefix, bool pending, int which,
+                        struct cache_entry **unused)
+{
+    uint64_t hash = prt_hash64(prefix, beginning(prefix, which), cache->seed);
+    for (struct cache_entry *e = cache->begin[which][hash % cache->n_bucket], *next; e;
+         e = next) {
+        next = e->beginning[which].next;
+        if (begins(e, prefix, pending)) leave(cache, e, unused);
+    }
+}
+
 void cache_forget(struct cache *cache, const char *prefix, bool pending)
 {
-    size_t n = strlen(prefix);
     struct cache_entry *unused = NULL;
-    for (size_t i = 0; i < cache->n_bucket; i++)
-        for (struct cache_entry *e = cache->bucket[i], *next; e; e = next) {
-            next = e->chain;
-            if (!strncmp(e->key, prefix, n) && (pending || e->state != CACHE_PENDING))
-                leave(cache, e, &unused);
-        }
+    if (beginning(prefix, 1)) leave_alike(cache, prefix, pending, 1, &unused);
+    else if (beginning(prefix, 0)) leave_alike(cache, prefix, pending, 0, &unused);
+    else
+        for (size_t i = 0; i < cache->n_bucket; i++)
+            for (struct cache_entry *e = cache->bucket[i], *next; e; e = next) {
+                next = e->chain;
+                if (begins(e, prefix, pending)) leave(cache, e, &unused);
+            }
     free_list(cache, unused);
 }
 

@@ -18,8 +18,16 @@ struct cache_waiter {
     void (*wake)(struct cache_waiter *waiter); /* the entry is ready or failed */
 };
 
+/* A chain of the entries whose keys begin alike. */
+struct cache_link {
+    uint64_t hash; /* of that beginning */
+    struct cache_entry *next, **at;
+};
+enum { CACHE_BEGINNINGS = 2 }; /* MODEL/ and MODEL/GENERATION/ */
+
 struct cache_entry {
     struct cache_entry *chain;                       /* of its hash bucket */
+    struct cache_link beginning[CACHE_BEGINNINGS];   /* at is NULL: it is in no such chain */
     struct cache_entry *newer, *older;               /* use order, while unreferenced */
     struct cache_entry *newer_holder, *older_holder; /* the same of those that hold a file */
     uint64_t hash;
@@ -76,7 +84,9 @@ void cache_wait(struct cache_entry *entry, struct cache_waiter *waiter);
  * the last and only the entry's job holds it besides, the entry's `unwanted` is called. */
 void cache_leave(struct cache_entry *entry, struct cache_waiter *waiter);
 /* Removes all entries whose key begins with the prefix (a model was unloaded): they cannot be
- * found any more, and their users keep them. `pending`: pending entries, too. */
+ * found any more, and their users keep them. `pending`: pending entries, too. Takes time for
+ * the entries of the model, or of its generation where the prefix is MODEL/NUMBER/… with digits
+ * alone; for a prefix without a slash, for all entries. */
 void cache_forget(struct cache *cache, const char *prefix, bool pending);
 /* The same for one entry, in the table or not. */
 void cache_forget_entry(struct cache_entry *entry);

@@ -14,6 +14,7 @@
 #include "store/cache.h"
 
 #include <pthread.h>
+#include <time.h>
 
 enum { VALUE = 1000 };
 
@@ -551,6 +552,94 @@ static void test_holders_release_files(void **state)
     cache_destroy(files);
 }
 
+// ---- forgetting what begins alike
+
+// Some have no generation, or something else in its place.
+static void numbered(char key[64], unsigned model, unsigned generation, unsigned i)
+{
+    const char *form = i % 5 == 0   ? "m%u/%u.x/%u"
+                       : i % 5 == 1 ? "m%u/light/%u/%u"
+                                    : "m%u/%u/%u";
+    snprintf(key, 64, form, model, generation, i);
+}
+
+enum { MODELS = 7, GENERATIONS = 12, EACH = 20 };
+
+static unsigned n_beginning(struct cache *cache, const char *prefix)
+{
+    unsigned n = 0;
+    char key[64];
+    for (unsigned m = 0; m < MODELS; m++)
+        for (unsigned g = 0; g < GENERATIONS; g++)
+            for (unsigned i = 0; i < EACH; i++) {
+                numbered(key, m, g, i);
+                n += !strncmp(key, prefix, strlen(prefix)) && cache_has(cache, key);
+            }
+    return n;
+}
+
+static void test_what_begins_alike_goes(void **state)
+{
+    static const char *const prefixes[] = {"m1/3/",   "m1/1", "m2/",   "m3/light/", "m4/5/7",
+                                           "m5/7.x/", "m6",   "m1/3/", "m9/",       ""};
+    struct cache *cache;
+    struct cache_counts counts;
+    assert_int_equal(cache_create(1 << 24, &cache), 0);
+    for (unsigned m = 0; m < MODELS; m++)
+        for (unsigned g = 0; g < GENERATIONS; g++)
+            for (unsigned i = 0; i < EACH; i++) {
+                char key[64];
+                numbered(key, m, g, i);
+                use(cache, key);
+            }
+    for (size_t i = 0; i < sizeof prefixes / sizeof *prefixes; i++) {
+        unsigned all = n_beginning(cache, ""), alike = n_beginning(cache, prefixes[i]);
+        cache_forget(cache, prefixes[i], true);
+        cache_count(cache, &counts);
+        assert_int_equal(n_beginning(cache, prefixes[i]), 0);
+        assert_int_equal(n_beginning(cache, ""), all - alike);
+        assert_int_equal(counts.entries, all - alike);
+    }
+    assert_int_equal(bytes_of(cache), 0);
+    cache_destroy(cache);
+}
+
+static double seconds_of(struct cache *cache, const char *form, unsigned n)
+{
+    struct timespec a, b;
+    char prefix[32];
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &a);
+    for (unsigned i = 0; i < n; i++) {
+        snprintf(prefix, sizeof prefix, form, i, i);
+        cache_forget(cache, prefix, true);
+    }
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &b);
+    return ((double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec)) / n;
+}
+
+// A model or a shape is forgotten on the loop's thread, which others wait for: that takes no
+// time for what the cache has of other models.
+static void test_a_full_cache_forgets_as_fast(void **state)
+{
+    enum { N = 200000, PARTS = 100 };
+    struct cache *cache;
+    bool fresh;
+    assert_int_equal(cache_create((size_t)1 << 30, &cache), 0);
+    for (unsigned i = 0; i < N; i++) {
+        char key[32];
+        snprintf(key, sizeof key, "x%u/%u/a", i / 20, i);
+        struct cache_entry *e = cache_get(cache, key, &fresh);
+        cache_fill(e, NULL, 0, NULL);
+        cache_release(e);
+    }
+    double all = seconds_of(cache, "none", 20);
+    double shape = seconds_of(cache, "y%u/%u/", 1000), model = seconds_of(cache, "y%u/", 1000);
+    print_message("all %.3f ms, a model %.5f, a shape %.5f\n", all * 1e3, model * 1e3,
+                  shape * 1e3);
+    assert_true(shape < all / PARTS && model < all / PARTS);
+    cache_destroy(cache);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -568,6 +657,8 @@ int main(void)
         cmocka_unit_test(test_hopeless_admissions_leave),
         cmocka_unit_test(test_charges_take_room),
         cmocka_unit_test(test_holders_release_files),
+        cmocka_unit_test(test_what_begins_alike_goes),
+        cmocka_unit_test(test_a_full_cache_forgets_as_fast),
         cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
     };
     return cmocka_run_group_tests_name("cache", tests, NULL, NULL);
