@@ -14,7 +14,8 @@ enum { COUNT_AGAIN = 1 << 20 };
 static uint64_t needed(const struct room *room)
 {
     return room->memory.state + room->memory.since + (room->packed ? room->packed->n : 0) +
-           (room->tail ? room->tail->bytes : 0) + (room->batch ? room->batch->n : 0);
+           (room->tail ? room->tail->bytes : 0) + (room->batch ? room->batch->n : 0) +
+           (room->last_presence.packed ? room->last_presence.packed->n : 0);
 }
 
 void room_memory_update(struct room *room)

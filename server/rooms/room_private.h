@@ -68,7 +68,28 @@ struct shared_bytes {
     uint8_t bytes[];
 };
 
-struct seat;
+/* Changes of participants that somebody knows: what they say of themselves, and who left. */
+struct presence_known {
+    uint64_t changes, departures; /* numbers of room->presence */
+};
+
+/* Somebody who sits in a room. */
+struct seat {
+    struct seat *next;
+    struct request *request;
+    struct room *room;
+    struct loop_timer timer;
+    uint64_t at; /* sequence of the last event that was sent */
+    bool wants_state;
+    struct shared_bytes *state; /* of `state_at`: it may have events that are not yet on the
+                                 * disk */
+    uint64_t state_at;
+    Relight__Participant *me;
+    uint64_t changed;            /* presence at the last change of `me` */
+    struct presence_known knows; /* what it was sent */
+    bool told;                   /* whether it was sent any */
+    int role;
+};
 
 struct room {
     struct room *next;
@@ -92,7 +113,15 @@ struct room {
     struct shared_bytes *packed; /* `state`; NULL: not packed since it changed */
     char packed_hash[65];        /* SHA-256 of it; "": not computed */
     uint64_t presence;           /* grows with every change of a participant */
-    uint64_t ticked_ns;          /* when changes of participants were, or will be, sent */
+    uint64_t shown;              /* changes up to it may be sent */
+    uint64_t ticked_ns;          /* when the last changes were shown */
+    uint64_t presence_sent;      /* bytes, since then */
+    struct room_presence {       /* the last changes that were sent */
+        struct shared_bytes *packed;
+        bool all;
+        struct presence_known from;
+        uint64_t to, of; /* of: `presence` when it was packed */
+    } last_presence;
     struct {
         uint64_t key, presence;
     } gone[ROOM_GONE];
@@ -241,6 +270,17 @@ void seats_wake(struct room *room);
 void seats_forget_state(struct room *room);
 /* Roles may have changed: those who may not see the room any more leave it. */
 void seats_check(struct room *room);
+/* room_presence.c */
+/* A participant has changed, come or gone: those who sit here are woken for it. */
+void presence_changed(struct room *room);
+/* A packed Presence of what changed since, or of everybody, as far as one message takes it: up
+ * to the change *to. Shared by all who are as far; the caller adds its own reference. NULL
+ * without memory. */
+struct shared_bytes *presence_after(struct room *room, const struct presence_known *known,
+                                    bool all, uint64_t *to);
+/* Frees what was packed. */
+void presence_drop(struct room *room);
+
 /* The room was deleted: everybody leaves it. */
 void seats_end(struct room *room);
 

@@ -15,25 +15,8 @@
 
 static const size_t most_unsent = 256 << 10; // bytes of answers that wait: then events wait
 static const size_t most_batch = 256 << 10;
-static const uint64_t later_ns = 50000000, tick_ns = 30000000;
+static const uint64_t later_ns = 50000000;
 enum { MAX_PRESENCE = 16384 }; // bytes of one participant
-
-struct seat {
-    struct seat *next;
-    struct request *request;
-    struct room *room;
-    struct loop_timer timer;
-    uint64_t at; // sequence of the last event that was sent
-    bool wants_state;
-    struct shared_bytes
-        *state; // of `state_at`: it may have events that are not yet on the disk
-    uint64_t state_at;
-    Relight__Participant *me;
-    uint64_t changed;  // presence at the last change of `me`
-    uint64_t presence; // the last change of presence that it was sent
-    bool told;         // whether it was sent any
-    int role;
-};
 
 static struct server *server_of(const struct seat *seat)
 {
@@ -60,21 +43,6 @@ unsigned seats_count(const struct room *room)
 
 // ---- presence
 
-static void tick(struct loop_timer *timer)
-{
-    seats_wake((struct room *)((char *)timer - offsetof(struct room, tick)));
-}
-
-// The first change is sent at once, those that follow it together, some thirty times a second.
-static void presence_changed(struct room *room)
-{
-    uint64_t now_ns = loop_now_ns(), at_ns = room->ticked_ns + tick_ns;
-    room->tick.fire = tick;
-    if (room->tick.armed) return;
-    room->ticked_ns = at_ns > now_ns ? at_ns : now_ns;
-    loop_timer_set(room->rooms->server->loop, &room->tick, room->ticked_ns);
-}
-
 static void leave(struct request *request)
 {
     struct seat *seat = request->state;
@@ -93,48 +61,33 @@ static void leave(struct request *request)
     room_release(room);
 }
 
-// Sends the participants that changed since the last message; all, where a departure was
-// missed.
-static void send_presence(struct seat *seat)
+// Sends what changed of the participants since the last message; everybody, where a departure
+// was missed. False: nothing could be sent.
+static bool send_presence(struct seat *seat)
 {
     struct room *room = seat->room;
-    size_t n = 0, most = ROOM_GONE + 1;
-    for (struct seat *s = room->seats; s; s = s->next) most++;
-    Relight__Participant **list = calloc(most, sizeof *list);
-    Relight__Participant *gone = calloc(ROOM_GONE, sizeof *gone);
-    unsigned kept = room->n_gone < ROOM_GONE ? room->n_gone : ROOM_GONE;
-    bool all = !seat->told || (room->n_gone > ROOM_GONE &&
-                               room->gone[room->n_gone % ROOM_GONE].presence > seat->presence);
-    for (struct seat *s = room->seats; list && gone && s; s = s->next)
-        if (all || s->changed > seat->presence) list[n++] = s->me;
-    for (unsigned i = 0; list && gone && !all && i < kept; i++) {
-        if (room->gone[i].presence <= seat->presence) continue;
-        relight__participant__init(&gone[i]);
-        gone[i].key = room->gone[i].key;
-        gone[i].gone = true;
-        list[n++] = &gone[i];
-    }
-    Relight__Presence presence = RELIGHT__PRESENCE__INIT;
-    presence.participants = list;
-    presence.n_participants = n;
-    size_t size = protobuf_c_message_get_packed_size(&presence.base);
-    uint8_t *bytes = list && gone ? malloc(size + 1) : NULL;
-    if (bytes) {
-        protobuf_c_message_pack(&presence.base, bytes);
-        Relight__Event out = RELIGHT__EVENT__INIT;
-        struct payload payload = payload_of(bytes, size);
-        out.kind = RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE;
-        out.room = room->id;
-        out.sequence = seat->at;
-        out.lost = all;
-        out.participant = seat->me->key;
-        out.role = (Relight__RoomRole)seat->role;
-        seat->presence = room->presence;
-        seat->told = true;
-        request_part(seat->request, &out.base, &payload);
-    }
-    free(list);
-    free(gone);
+    bool all =
+        !seat->told || (room->n_gone > ROOM_GONE &&
+                        room->gone[room->n_gone % ROOM_GONE].presence > seat->knows.departures);
+    uint64_t to;
+    struct shared_bytes *packed = presence_after(room, &seat->knows, all, &to);
+    if (!packed) return false;
+    packed->refs++;
+    Relight__Event out = RELIGHT__EVENT__INIT;
+    struct payload payload = shared_payload(packed);
+    out.kind = RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE;
+    out.room = room->id;
+    out.sequence = seat->at;
+    out.lost = all;
+    out.participant = seat->me->key;
+    out.role = (Relight__RoomRole)seat->role;
+    room->presence_sent += packed->n;
+    seat->knows.changes = to;
+    if (all) seat->knows.departures = room->presence; // everybody in it is still here
+    else if (to > seat->knows.departures) seat->knows.departures = to;
+    seat->told = true;
+    request_part(seat->request, &out.base, &payload);
+    return true;
 }
 
 // ---- state and events
@@ -237,10 +190,7 @@ static void deliver(struct loop_timer *timer)
         bool sent = false;
         if (seat->wants_state) sent = ready && send_state(seat);
         else if (seat->at < room->committed) sent = send_events(seat);
-        else if (!seat->told || seat->presence < room->presence) {
-            send_presence(seat);
-            if (!conn->dead && seat->presence == room->presence) return;
-        }
+        else if (!seat->told || seat->knows.changes < room->shown) sent = send_presence(seat);
         if (!sent) break;
     }
     if (!conn->dead &&

@@ -87,6 +87,7 @@ static void room_free(struct room *room)
     room_drop_tail(room);
     shared_release(room->batch);
     room->batch = NULL;
+    presence_drop(room);
     room_packed_drop(room);
     room_state_free(room->state);
     room->state = NULL;

@@ -145,12 +145,123 @@ static void unused_rooms_leave_memory(void **unused)
     end();
 }
 
+// ---- presence
+
+enum { SEATS = 20, LARGE = 15000 };
+
+// A participant of nearly the largest size, in its color the number of its change.
+static void say(struct frames *f, uint64_t subscription, uint32_t number)
+{
+    static char material[LARGE + 1];
+    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
+    Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
+    Relight__Scene own = RELIGHT__SCENE__INIT;
+    memset(material, 'm', LARGE);
+    own.material = material;
+    me.own = &own;
+    me.color = number;
+    m.subscription = subscription;
+    m.me = &me;
+    frames_add(f, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
+    frames_send(f);
+}
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+struct watcher {
+    struct frames *f;
+    unsigned n_key; // participants that it was told of
+    uint64_t key[2 * SEATS];
+    uint32_t newest[2 * SEATS];
+    size_t bytes;
+};
+
+static void take_presence(struct watcher *w, const struct reply *r)
+{
+    if (((Relight__Event *)r->message)->kind != RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE)
+        return;
+    Relight__Presence *p = relight__presence__unpack(NULL, r->n, r->payload);
+    assert_in_range(r->n, 1, 300 << 10); // one message has a bound, too
+    w->bytes += r->n;
+    for (size_t i = 0; i < p->n_participants; i++) {
+        unsigned k = 0;
+        while (k < w->n_key && w->key[k] != p->participants[i]->key) k++;
+        assert_in_range(k, 0, 2 * SEATS - 1);
+        w->n_key += k == w->n_key;
+        w->key[k] = p->participants[i]->key;
+        w->newest[k] = p->participants[i]->color;
+    }
+    relight__presence__free_unpacked(p, NULL);
+}
+
+// Takes what is there.
+static void drain(struct watcher *w)
+{
+    struct reply r;
+    while (reply_next(w->f, 20, 0, &r, NULL)) {
+        assert_false(r.closed);
+        assert_int_equal(r.code, 0);
+        take_presence(w, &r);
+        reply_free(&r);
+    }
+}
+
+// Each of many who say much as often as they can is told of all others, and what the daemon
+// sends for it has a bound: the newest is sent, and less often.
+static void presence_has_a_bound(void **unused)
+{
+    static struct watcher w[SEATS + 1];
+    char room[33];
+    begin(NULL);
+    memset(w, 0, sizeof w);
+    for (int i = 0; i < SEATS; i++) w[i].f = frames_open(&d);
+    room_create(w[0].f, "crowd", room);
+    for (int i = 0; i < SEATS; i++) {
+        room_add_subscribe(w[i].f, 20, room, 0, "");
+        frames_send(w[i].f);
+    }
+    double begun = now_s(), last = begun;
+    uint32_t number = 0;
+    while (last < begun + 3) {
+        number++;
+        for (int i = 0; i < SEATS; i++) say(w[i].f, 20, number);
+        for (int i = 0; i < SEATS; i++) drain(&w[i]);
+        last = now_s();
+    }
+    size_t bytes = 0;
+    for (int i = 0; i < SEATS; i++) bytes += w[i].bytes;
+    double rate = (double)bytes / (last - begun);
+    print_message("%u changes of %d, %.1f MB a second\n", number, SEATS, rate * 1e-6);
+    assert_true(rate < 25e6); // one round beside 16 MB a second
+    // In the end everybody knows the newest of all, as does one who comes now.
+    w[SEATS].f = frames_open(&d);
+    room_add_subscribe(w[SEATS].f, 20, room, 0, "");
+    frames_send(w[SEATS].f);
+    for (int i = 0; i <= SEATS; i++) {
+        unsigned known = 0;
+        for (int k = 0; k < 1000 && known < SEATS; k++, sleep_ms(10)) {
+            drain(&w[i]);
+            known = 0;
+            for (unsigned q = 0; q < w[i].n_key; q++) known += w[i].newest[q] == number;
+        }
+        assert_int_equal(known, SEATS);
+    }
+    for (int i = 0; i <= SEATS; i++) frames_close(w[i].f);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(guests_share_their_inviters_limits, teardown),
         cmocka_unit_test_teardown(a_room_has_its_owners_memory, teardown),
         cmocka_unit_test_teardown(unused_rooms_leave_memory, teardown),
+        cmocka_unit_test_teardown(presence_has_a_bound, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
