@@ -40,13 +40,15 @@ void variant_keep_error(void *user, enum prt_log_level level, const char *line);
 
 /* ---- visibility.c: struct prt_visibility ---- */
 
-/* The camera that the request gives, or one that frames the model. 0, or an error's code for a
- * name that none of the model's cameras has. */
-int camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
-                  const struct prt_mesh *mesh, struct prt_camera *out, char error[300]);
+/* The camera that the request gives; `automatic`, without its numbers, where the model is
+ * framed, by an orbit or by itself: visibility_get's worker does that. 0, or an error's code
+ * for a name that none of the model's cameras has. */
+int camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
+                  struct prt_camera *out, char error[300]);
 /* WORK_BACKGROUND for pictures that take seconds: they may not occupy every worker. */
 enum work_class picture_class(const struct render_spec *s);
-/* owner is held while `mesh`, which is of this generation, is read. */
+/* owner is held while `mesh`, which is of this generation, is read. prt_visibility_camera gives
+ * the camera's numbers. */
 struct cache_entry *visibility_get(struct model *model, uint64_t generation,
                                    struct cache_entry *owner, const struct prt_mesh *mesh,
                                    const struct render_spec *s, const struct prt_camera *c);

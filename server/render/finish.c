@@ -395,7 +395,8 @@ static void set_result(struct render *r)
     out->generation = r->generation;
     out->width = s->width;
     out->height = s->height;
-    out->camera = r->camera;
+    if (r->visibility.entry)
+        prt_visibility_camera(r->visibility.entry->value, &out->camera, NULL, NULL, NULL);
     if (!s->picture) set_planes(r);
     else out->drawn = model_hashes((r->screen ? render_shape(r)->file : r->file.entry)->value);
     if (r->bakes) out->drawn.bake[0] = 0; // a draft is no bake, as find_seen has it

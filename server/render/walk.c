@@ -248,14 +248,13 @@ static void step_environments(struct render *r)
     char error[300];
     int code = check_media(r, error);
     if (!code) code = depend_on_images(r, error);
-    if (!code && draws(r))
-        code =
-            camera_choose(r->model, r->generation, &r->spec, render_mesh(r), &r->camera, error);
+    struct prt_camera camera;
+    if (!code && draws(r)) code = camera_choose(&r->spec, render_mesh(r), &camera, error);
     if (code) set_error(r, code, error);
     if (code || !draws(r)) return;
     depend(r, &r->visibility,
            visibility_get(r->model, r->generation, mesh_entry(r), render_mesh(r), &r->spec,
-                          &r->camera));
+                          &camera));
     if (r->screen && !r->visibility.was_ready) shape_prepare(r->model, r->shape.entry);
 }
 

@@ -68,7 +68,6 @@ struct render {
     bool ratio_of_other;               /* it is of the media before, until theirs is there */
     struct dependency coarse;          /* order of the vertices; NULL: colours of all */
     struct dependency visibility, specular, background, floor, map[3];
-    struct prt_camera camera;
     uint64_t start_ns;
     struct drain_item drain; /* core/drain.h */
     struct render_result result;

@@ -111,12 +111,8 @@ struct model {
     bool gone; /* forgotten; alive until its last reference */
     struct model_watcher *watcher;
     struct gathering *gathering;
-    unsigned n_turning;        /* evaluations whose lights are being turned for a pass */
-    struct prt_camera frame;   /* frames this generation, variant and aspect, computed once */
-    uint64_t frame_generation; /* 0: none was */
-    char frame_variant[VARIANT_NAME];
-    float frame_aspect;
-    unsigned users; /* references: the registry, requests in progress */
+    unsigned n_turning; /* evaluations whose lights are being turned for a pass */
+    unsigned users;     /* references: the registry, requests in progress */
 };
 
 int models_create(struct server *server, struct models **out);

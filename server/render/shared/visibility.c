@@ -14,7 +14,9 @@ enum { FOVY_DEG = 36 };           // of a camera that names none, as of prt_came
 struct visibility_job {
     struct cache_job job;
     const struct prt_mesh *mesh;
-    struct prt_camera camera;
+    struct prt_camera camera; // automatic: where the orbit places it
+    struct prt_orbit orbit;
+    bool has_orbit;
     uint32_t width, height, samples;
 };
 
@@ -27,6 +29,12 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
 {
     struct visibility_job *v = (struct visibility_job *)job;
     struct prt_visibility *visibility = NULL;
+    if (v->camera.automatic) { // which reads every vertex
+        float aspect = (float)v->width / (float)v->height;
+        if (v->has_orbit) prt_camera_frame_from(v->mesh, aspect, &v->orbit, &v->camera);
+        else prt_camera_frame(v->mesh, aspect, &v->camera);
+        v->camera.automatic = false;
+    }
     struct prt_raster raster = {v->width, v->height, v->samples, PRT_RASTER_AUTO};
     int status = prt_visibility_create(ctx, v->mesh, &v->camera, &raster, &visibility);
     if (status) return status;
@@ -43,8 +51,8 @@ static void keep_error(void *user, enum prt_log_level level, const char *line)
     snprintf(user, 300, "%s", line);
 }
 
-int camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
-                  const struct prt_mesh *mesh, struct prt_camera *out, char error[300])
+int camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
+                  struct prt_camera *out, char error[300])
 {
     struct prt_context ctx;
     prt_context_init(&ctx);
@@ -53,29 +61,12 @@ int camera_choose(struct model *model, uint64_t generation, const struct render_
         return prt_camera_named(&ctx, mesh, s->camera_name, out)
                    ? RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE
                    : 0;
-    float aspect = (float)s->width / (float)s->height;
-    if (s->has_camera && !s->has_orbit) {
-        *out = (struct prt_camera){.fovy_deg = s->fovy_deg > 0 ? s->fovy_deg : FOVY_DEG};
-        memcpy(out->eye, s->camera_eye, sizeof out->eye);
-        memcpy(out->target, s->camera_target, sizeof out->target);
-        memcpy(out->up, s->camera_up, sizeof out->up);
-        return 0;
-    }
-    if (s->has_orbit) {
-        prt_camera_frame_from(mesh, aspect, &s->orbit, out);
-        return 0;
-    }
-    // Framing reads every vertex and runs on the loop's thread: it is done once a generation
-    // and variant. The frame fits the translucent parts, which differ between variants.
-    if (model->frame_generation != generation || model->frame_aspect != aspect ||
-        strcmp(model->frame_variant, s->variant)) {
-        prt_camera_frame(mesh, aspect, &model->frame);
-        model->frame_generation = generation;
-        memcpy(model->frame_variant, s->variant, sizeof model->frame_variant);
-        model->frame_aspect = aspect;
-    }
-    *out = model->frame;
-    out->automatic = false;
+    *out = (struct prt_camera){.automatic = !s->has_camera || s->has_orbit};
+    if (out->automatic) return 0;
+    out->fovy_deg = s->fovy_deg > 0 ? s->fovy_deg : FOVY_DEG;
+    memcpy(out->eye, s->camera_eye, sizeof out->eye);
+    memcpy(out->target, s->camera_target, sizeof out->target);
+    memcpy(out->up, s->camera_up, sizeof out->up);
     return 0;
 }
 
@@ -84,23 +75,37 @@ enum work_class picture_class(const struct render_spec *s)
     return (uint64_t)s->width * s->height > LARGE_PICTURE ? WORK_BACKGROUND : WORK_INTERACTIVE;
 }
 
+// The camera's numbers, or what places it: with size and variant, that decides the picture.
+static void camera_key(const struct render_spec *s, const struct prt_camera *c, char key[256])
+{
+    if (c->automatic && s->has_orbit)
+        snprintf(key, 256, "orbit:%.9g,%.9g,%.9g", (double)s->orbit.azimuth_deg,
+                 (double)s->orbit.elevation_deg, (double)s->orbit.zoom);
+    else if (c->automatic) snprintf(key, 256, "all");
+    else
+        snprintf(key, 256, "%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
+                 (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
+                 (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
+                 (double)c->up[2], (double)c->fovy_deg);
+}
+
 struct cache_entry *visibility_get(struct model *model, uint64_t generation,
                                    struct cache_entry *owner, const struct prt_mesh *mesh,
                                    const struct render_spec *s, const struct prt_camera *c)
 {
-    char key[400 + VARIANT_NAME];
-    snprintf(key, sizeof key,
-             "%s/%llu/seen/%s/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
-             model->key, (unsigned long long)generation, s->variant, s->width, s->height,
-             s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
-             (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
-             (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);
+    char camera[256], key[400 + VARIANT_NAME];
+    camera_key(s, c, camera);
+    snprintf(key, sizeof key, "%s/%llu/seen/%s/%ux%u/%u/%s", model->key,
+             (unsigned long long)generation, s->variant, s->width, s->height, s->samples,
+             camera);
     struct cache_job *job;
     struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
     if (!job) return entry;
     struct visibility_job *v = (struct visibility_job *)job;
     v->mesh = mesh;
     v->camera = *c;
+    v->orbit = s->orbit;
+    v->has_orbit = s->has_orbit;
     v->width = s->width;
     v->height = s->height;
     v->samples = s->samples;
