@@ -15,9 +15,9 @@
 #include <cmocka.h>
 
 enum { N_POSE = 20000, N_ENTRY = 20000 };
+// Vertices, and what a pose costs beside them.
+#define EACH poses_bytes(1)
 static const double most_s = 2; // searching all of the cache for each pose takes ten times that
-
-static struct options options = {.client_poses = N_POSE * 24, .poses = 2 * N_POSE * 24};
 
 static struct pose *make_pose(unsigned i)
 {
@@ -45,7 +45,8 @@ static void fill_cache(struct cache *cache)
 
 static void many_tiny_poses(void **state)
 {
-    struct server server = {.options = options};
+    struct server server = {
+        .options = {.client_poses = N_POSE * EACH, .poses = 2 * N_POSE * EACH}};
     struct model model = {.server = &server, .key = "model"}, other = {.key = "other"};
     struct poses *poses;
     struct pose *found;
@@ -61,7 +62,7 @@ static void many_tiny_poses(void **state)
         assert_int_equal(poses_add(poses, &model, make_pose(i), ann, &found, error), 0);
         pose_release(found);
     }
-    assert_int_equal(ann->held[LEDGER_POSES], N_POSE * 24);
+    assert_int_equal(ann->held[LEDGER_POSES], N_POSE * EACH);
     for (unsigned i = 0; i < 2 * N_POSE; i++) {
         struct pose *name = make_pose(i);
         found = poses_find(poses, &model, name->name, &code, error);
@@ -71,7 +72,7 @@ static void many_tiny_poses(void **state)
         pose_release(name);
     }
     poses_forget(poses, &other);
-    assert_int_equal(ann->held[LEDGER_POSES], N_POSE * 24);
+    assert_int_equal(ann->held[LEDGER_POSES], N_POSE * EACH);
     poses_forget(poses, &model);
     double took = prt_time_s() - start;
     assert_int_equal(ann->held[LEDGER_POSES], 0);
@@ -87,7 +88,7 @@ static void many_tiny_poses(void **state)
 // One that is drawn stays, and another goes for it.
 static void drawn_poses_stay(void **state)
 {
-    struct server server = {.options = {.client_poses = 3 * 24, .poses = 1000}};
+    struct server server = {.options = {.client_poses = 3 * EACH, .poses = 10 * EACH}};
     struct model model = {.server = &server, .key = "model"};
     struct poses *poses;
     struct pose *drawn, *found;
@@ -110,9 +111,17 @@ static void drawn_poses_stay(void **state)
     ledger_destroy(server.ledger);
 }
 
+// A pose of one vertex holds some hundred bytes more: they are charged.
+static void tiny_poses_cost_their_records(void **state)
+{
+    assert_true(poses_bytes(1) >= 24 + sizeof(struct pose) + 64);
+    assert_int_equal(poses_bytes(1001) - poses_bytes(1), 24000);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(many_tiny_poses),
-                                       cmocka_unit_test(drawn_poses_stay)};
+                                       cmocka_unit_test(drawn_poses_stay),
+                                       cmocka_unit_test(tiny_poses_cost_their_records)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

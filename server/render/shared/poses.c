@@ -24,11 +24,19 @@ struct named_pose {
         model[MODEL_ID + 12]; // its key; "": it was read from the disk, for the first that asks
 };
 
+// What a pose of a model costs beside its vertices: struct and blocks of the allocator.
+enum { RECORD = sizeof(struct named_pose) + 16, POSE = sizeof(struct pose) + 3 * 16 };
+
 struct poses {
     struct server *server;
     struct named_pose *oldest, *newest, *bucket[BUCKETS];
     uint64_t last, seed;
 };
+
+uint64_t poses_bytes(uint32_t n)
+{
+    return (uint64_t)n * 24 + POSE + RECORD;
+}
 
 int poses_create(struct server *server, struct poses **out)
 {
@@ -77,6 +85,7 @@ static void remove_pose(struct poses *poses, struct named_pose *p)
     while (*at != p) at = &(*at)->chain;
     *at = p->chain;
     unlink_pose(poses, p);
+    ledger_give(p->pose->principal, LEDGER_POSES, RECORD);
     pose_release(p->pose);
     free(p);
 }
@@ -179,6 +188,7 @@ static struct named_pose *find_kept(struct poses *poses, const struct model *mod
     else if ((own = calloc(1, sizeof *own))) {
         own->pose = p->pose;
         own->pose->refs++;
+        ledger_force(own->pose->principal, LEDGER_POSES, RECORD);
         enter(poses, own);
     }
     if (own) snprintf(own->model, sizeof own->model, "%s", model->key);
@@ -206,7 +216,7 @@ struct pose *poses_find(struct poses *poses, const struct model *model, const ch
 static int charge(struct poses *poses, struct pose *pose, struct principal *principal,
                   char error[256])
 {
-    uint64_t bytes = (uint64_t)pose->n * 24;
+    uint64_t bytes = poses_bytes(pose->n);
     enum ledger_refusal refusal;
     while ((refusal = ledger_take(principal, LEDGER_POSES, bytes, error))) {
         if (refusal_code(principal, LEDGER_POSES, bytes) == RELIGHT__ERROR_CODE__ERROR_LIMIT)
@@ -217,7 +227,7 @@ static int charge(struct poses *poses, struct pose *pose, struct principal *prin
     pose->principal = principal;
     principal_hold(principal);
     pose->resource = LEDGER_POSES;
-    pose->charged = bytes;
+    pose->charged = bytes - RECORD; // that of its record goes with it
     return 0;
 }
 
@@ -232,6 +242,7 @@ static int add(struct poses *poses, const char *model, struct pose *pose,
         snprintf(error, 256, "not enough memory");
     }
     if (code) {
+        if (pose->principal) ledger_give(principal, LEDGER_POSES, RECORD);
         pose_release(pose);
         return code;
     }

@@ -14,6 +14,9 @@ struct poses;
 int poses_create(struct server *server, struct poses **out); /* 0 or -1 without memory */
 void poses_destroy(struct poses *poses);
 
+/* Bytes that a pose of n vertices is charged with. */
+uint64_t poses_bytes(uint32_t n);
+
 /* The pose of this name (SHA-256, 64 hex digits), with a reference for the caller; it counts as
  * used now. NULL with *code and error. */
 struct pose *poses_find(struct poses *poses, const struct model *model, const char *name,
