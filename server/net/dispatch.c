@@ -104,6 +104,7 @@ static bool guest_allowed(struct request *request, const struct operation *opera
 {
     if (operation->flags & OPERATION_GUEST || !is_guest(request->conn->caller.name))
         return true;
+    request->hint = "an owner of the room can do it, or a client with a token";
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                  "%s is not for guests of a room", relight_type_name(request->type));
     return false;
@@ -224,10 +225,12 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
              request->request_id, (unsigned long long)conn->number,
              (unsigned long long)frame->id, relight_type_name(request->type),
              (unsigned long long)frame->payload_size);
-    if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
+    if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO)) {
+        request->hint = "PROTOCOL.md tells how a connection begins";
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");
-    else if (guest_allowed(request, operation) && operation_allowed(request, operation->scopes))
+    } else if (guest_allowed(request, operation) &&
+               operation_allowed(request, operation->scopes))
         fetched_then(request, operation);
 }
 

@@ -196,13 +196,15 @@ static void log_refusal(const struct connection *conn, const char *request_id, u
 
 // retry_ms: for BUSY, when to repeat the request; 0: unknown.
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
-                       uint32_t retry_ms, uint64_t generation, const char *moved)
+                       uint32_t retry_ms, uint64_t generation, const char *moved,
+                       const char *hint)
 {
     Relight__Error error;
     struct error_fields fields;
     error_fill(&error, code, text, &fields);
     error.generation = generation;
     if (moved) error.address = (char *)moved;
+    if (hint) error.hint = (char *)hint;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : retry_after_ms(conn->server);
         conn->server->stats.busy_total++;
@@ -260,7 +262,7 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     request->abandon = NULL;
     request->outcome = code;
     send_error(conn, request->id, code, text, request->retry_ms, request->generation,
-               request->moved);
+               request->moved, request->hint);
     if (!conn->dead) end(request);
 }
 
@@ -434,7 +436,8 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     conn->refusal.code = 0;
     stats_ended(&conn->server->stats, frame->type, code, 0);
     log_refusal(conn, conn->request_id, frame->type, frame->id, code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0, NULL);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0, NULL,
+               NULL);
     conn->refusal.retry_ms = 0;
     return NULL;
 }

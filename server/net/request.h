@@ -29,6 +29,7 @@ struct request {
     struct loop_timer deadline;
     uint32_t retry_ms;   /* of the ERROR that will end it, for BUSY; 0: unknown */
     uint64_t generation; /* of the ERROR that will end it; 0: none */
+    const char *hint;    /* of the ERROR that will end it, static; NULL: that of its code */
     const char *moved;   /* address in the ERROR that will end it, for MOVED; NULL: none */
     /* The state of a long operation, and its clean-up function: called once before the request
      * is freed, unless the operation ended it. A request may have several states one after

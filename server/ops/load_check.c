@@ -162,6 +162,7 @@ static bool check_file(struct load *load, size_t index)
 {
     const Relight__FileRef *f = load_message(load)->files[index];
     if (!load_safe_name(f->name)) {
+        load->request->hint = "name a file as its model does, without .. and a / in front";
         request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "files[%zu]: the name is not a plain relative path", index);
         return false;

@@ -69,6 +69,9 @@ static void imported(struct import_request *request, struct import_copy *copy,
     bool first = !load->n_file;
     load->importing = false;
     if (!copy) {
+        if (code == RELIGHT__ERROR_CODE__ERROR_FORBIDDEN) // a path, and no right of the caller
+            load->request->hint = "`relight models` lists what the models folder has; other "
+                                  "files are uploaded: `relight load FILE`";
         request_fail(load->request, code, "%s", error);
         load_drop(load);
         return;

@@ -121,6 +121,7 @@ void op_subscribe(struct request *request)
         return;
     }
     if (is_guest(request->conn->caller.name)) {
+        request->hint = "SUBSCRIBE with the id of the invitation's room";
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "a guest can subscribe to the room of the invitation alone: set `room`");
         return;

@@ -283,6 +283,7 @@ void seats_check(struct room *room)
     for (struct seat *s = room->seats; s && room->state;) {
         int role = caller_role(s->request, room);
         if (!role && s->role) {
+            s->request->hint = room_role_hint;
             request_stop(s->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                          "you are no member of this room any more");
             s = room->seats; // the refusal may close the connection, and end other seats

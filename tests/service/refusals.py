@@ -162,6 +162,8 @@ def check():
             if error:
                 expect(error.code == code and text in error.text + error.hint,
                        '%s: wanted %s "%s", got %s "%s"; "%s"' % (what, code, text, error.code, error.text, error.hint))
+                token = 'relight token create' in error.hint
+                expect(not token or 'scope' in error.text, '%s: "%s" is no matter of tokens' % (what, error.text))
                 ranged = ' is ' in error.text.partition(', allowed range ')[0] and ', allowed range ' in error.text
                 expect(not ranged or (error.parameter and error.minimum is not None), what + ': the range is no field')
 
