@@ -267,6 +267,12 @@ END
     expect 0 room create media --model parts --env constant --size 96x64
     expect 0 room scene media --material 'Ball 1=skin1'
     expect 0 room scene media --engine texture # the medium stays
+    expect 0 room scene media --max-error 0.25 --budget-ms 900
+    expect 0 room show media --json
+    says "\"budget_ms\":900"
+    says "\"max_error\":0.25"
+    says "\"materials\":\[{"
+    expect 0 room scene media --engine texture
     expect 0 room approve media
     expect 0 room export media -o media
     for name in material material-Ball_1-1; do
