@@ -127,7 +127,7 @@ static const struct prt_material *medium_of(const struct base *b, uint32_t baked
 static int check_medium(const struct base *b, uint32_t baked, const struct prt_material *from,
                         const struct prt_material *to)
 {
-    if (b->of == PRT_VARIANT_OF_MODEL) return PRT_OK;
+    if (b->of == PRT_VARIANT_OF_MODEL || b->of == PRT_VARIANT_OF_ANY_ETA) return PRT_OK;
     if (b->of == PRT_VARIANT_OF_FIXED && !same_transport(from, to))
         return needs_bake(b, baked, "changes the medium of");
     if (fabsf(from->eta - to->eta) > 1e-6f)

@@ -156,9 +156,7 @@ static void add_own_bakes(cJSON *root, const char *path, const struct prt_transp
         char line[MAX_LINE] = "";
         const struct prt_context ctx = {.log = keep_line, .log_user = line};
         struct prt_variant *view = NULL;
-        (void)prt_variant_create(&ctx, path, &t->mesh, &t->media,
-                                 t->engine == PRT_TRANSPORT_WAVELET ? PRT_VARIANT_OF_FIXED
-                                                                    : PRT_VARIANT_OF_FREE,
+        (void)prt_variant_create(&ctx, path, &t->mesh, &t->media, prt_transport_variants(t),
                                  t->mesh.variant[i].name, &view);
         if (view) {
             prt_variant_destroy(view);

@@ -78,16 +78,15 @@ static int open_variant(struct tool *tool, struct source *source)
     const struct prt_transport *t = source->transport;
     const bool baked =
         !o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, source_engine_name(t));
-    const enum prt_variant_of of = !baked                               ? PRT_VARIANT_OF_MODEL
-                                   : t->engine == PRT_TRANSPORT_WAVELET ? PRT_VARIANT_OF_FIXED
-                                                                        : PRT_VARIANT_OF_FREE;
+    const enum prt_variant_of of = baked ? prt_transport_variants(t) : PRT_VARIANT_OF_MODEL;
+    const bool free_media = of == PRT_VARIANT_OF_FREE || of == PRT_VARIANT_OF_ANY_ETA;
     int status = prt_variant_create(&tool->ctx, source->path, source->mesh, &source->media, of,
                                     o->variant, &source->variant);
     if (status) // wrong text on the command line, or a variant that was not baked
         return status == PRT_ARG ? EXIT_USAGE : tool_exit(tool, status);
     source->mesh = &source->variant->mesh;
     source->media = *source->variant->media;
-    source->media_given = of == PRT_VARIANT_OF_FREE && !source->variant->plain;
+    source->media_given = free_media && !source->variant->plain;
     return EXIT_DONE;
 }
 

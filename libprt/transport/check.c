@@ -341,6 +341,14 @@ bool prt_transport_any_eta(const struct prt_transport *transport, float range[2]
     return any;
 }
 
+enum prt_variant_of prt_transport_variants(const struct prt_transport *transport)
+{
+    float range[2];
+    if (transport->engine == PRT_TRANSPORT_WAVELET) return PRT_VARIANT_OF_FIXED;
+    return prt_transport_any_eta(transport, range) ? PRT_VARIANT_OF_ANY_ETA
+                                                   : PRT_VARIANT_OF_FREE;
+}
+
 static int check_eta(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
     struct prt_eta_nodes nodes;

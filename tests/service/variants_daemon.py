@@ -70,6 +70,18 @@ def baked():
     expect('shade.variant: the name has more than 63 bytes' in said, said)
 
 
+def other_index():
+    """A variant of another refractive index needs a bake of its own, or one for any index."""
+    for name, own in (('one-eta', []), ('any-eta', ['--any-eta'])):
+        prt('bake', 'ior.glb', *BAKE, '--transport', 'joint', *own, '-o', name + '.prt')
+        relight('load', name + '.prt', '--remote')
+    said = relight('image', 'one-eta', *VIEW, '--variant', 'jade', '-o', 'x.png', status=2).stderr
+    expect('changes the refractive index of "skin"' in said, said)
+    agree('any-eta', 'any-eta.prt', 'jade')
+    relight('image', 'any-eta', *VIEW, '-o', 'plain.png')
+    prt('compare', 'plain.png', 'served.png', '--max-rmse', '.01', status=1)
+
+
 def previews():
     """Before a bake every variant is drawn, also those that a bake would not hold for."""
     load('draft', '--preview')
@@ -90,8 +102,10 @@ def previews():
 
 def run():
     variant_model.write('v.glb')
+    variant_model.write('ior.glb', jade_ior=1.4)
     with daemon('--data', 'data', '--models', '.'):
         baked()
+        other_index()
         previews()
 
 

@@ -27,14 +27,17 @@ MATERIALS = [SKIN, opaque('stone', ALBEDO), DAY, opaque('stone dark', DARK), vol
 VARIANTS = [('day', 0, 2), ('dark', 1, 3), ('jade', 0, 4), ('bumpy', 0, 5), ('clear', 1, 6)]
 
 
-def write(path):
+def write(path, jade_ior=None):
+    """jade_ior: the refractive index that the variant "jade" gives the ball; None: as it was."""
     textured_ball.glb(path, [textured_ball.flat(c) for c in ((200, 90, 60), (60, 120, 220), (190, 128, 230))], SKIN,
                       opaque=True)
     with open(path, 'rb') as f:
         data = f.read()
     size = struct.unpack('<I', data[12:16])[0]
     doc, rest = json.loads(data[20:20 + size]), data[20 + size:]
-    doc['materials'] = MATERIALS
+    doc['materials'] = json.loads(json.dumps(MATERIALS))
+    if jade_ior:
+        doc['materials'][4]['extensions']['KHR_materials_ior'] = {'ior': jade_ior}
     doc['extensions'] = {'KHR_materials_variants': {'variants': [{'name': v[0]} for v in VARIANTS]}}
     for i, mesh in enumerate(doc['meshes']):
         mesh['primitives'][0]['extensions'] = {'KHR_materials_variants': {'mappings': [

@@ -8,6 +8,7 @@
 
 #include "prt/medium.h"
 #include "prt/mesh.h"
+#include "prt/variant.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -227,6 +228,9 @@ void prt_f16_to_f32_array(const uint16_t *h, size_t n, float *out);
 /* Whether media of any index in a range are served; else those of the baked media's own.
  * range: the least and the greatest, written if so. */
 bool prt_transport_any_eta(const struct prt_transport *transport, float range[2]);
+
+/* What variants of the bake's model may change. */
+enum prt_variant_of prt_transport_variants(const struct prt_transport *transport);
 
 /* Bytes of a tensor's U, and of its rows with indices, offsets, scales and scaling
  * coefficients. */

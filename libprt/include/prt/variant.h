@@ -17,9 +17,11 @@ extern "C" {
 #endif
 
 enum prt_variant_of {
-    PRT_VARIANT_OF_MODEL, /* nothing is baked: references and image-space engines */
-    PRT_VARIANT_OF_FIXED, /* wavelet transport */
-    PRT_VARIANT_OF_FREE   /* joint or polynomial transport: media change */
+    PRT_VARIANT_OF_MODEL,  /* nothing is baked: references and image-space engines */
+    PRT_VARIANT_OF_FIXED,  /* wavelet transport */
+    PRT_VARIANT_OF_FREE,   /* joint or polynomial transport: media change */
+    PRT_VARIANT_OF_ANY_ETA /* the same for media of any refractive index that the transport has
+                            */
 };
 struct prt_variant {
     uint32_t index;       /* of the variant; n_variant: the file's own materials */

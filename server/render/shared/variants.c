@@ -30,9 +30,7 @@ static struct variant_view *create(const struct model *model, const struct rende
     snprintf(error, 300, "not enough memory");
     if (view)
         status = prt_variant_create(&ctx, model->name, &t->mesh, &t->media,
-                                    t->engine == PRT_TRANSPORT_WAVELET ? PRT_VARIANT_OF_FIXED
-                                                                       : PRT_VARIANT_OF_FREE,
-                                    spec->variant, &view->variant);
+                                    prt_transport_variants(t), spec->variant, &view->variant);
     if (!status) {
         cache_hold(view->file = file);
         return view;
