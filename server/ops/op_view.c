@@ -383,10 +383,20 @@ static struct model *replacement(const struct view *v)
     return next == v->model ? NULL : next;
 }
 
+// A pose is of one model: where the next has none of this name, its vertices are the file's.
+static void keep_pose(struct view *v, const struct model *next)
+{
+    char error[300], name[65] = "";
+    if (v->spec.pose) snprintf(name, sizeof name, "%s", v->spec.pose->name);
+    if (render_spec_pose(&v->spec, next, name, error))
+        render_spec_pose(&v->spec, next, "", error);
+}
+
 static void follow_replacement(struct view *v)
 {
     struct model *next = replacement(v);
     if (!next) return;
+    keep_pose(v, next);
     model_hold(next);
     model_unwatch(v->model, &v->watcher);
     model_release(v->model);

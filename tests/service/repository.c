@@ -393,6 +393,48 @@ static void test_source_is_baked_again(void **state)
     relight_close(client);
 }
 
+// A pose is of the model that it was sent for: a view that goes over to a version of another
+// shape shows that as its file has it.
+static void test_a_pose_stays_behind(void **state)
+{
+    static const char tetrahedron[] = "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 2\nf 1 3 2\nf 1 2 4\n"
+                                      "f 1 4 3\nf 2 3 4\n";
+    char id[ID_SIZE], second[ID_SIZE], pose[65], before[17];
+    float moved[OCTAHEDRON_VERTICES][3];
+    struct relight_error error;
+    struct relight_geometry g;
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    put_text("solid/1/model.json", preview);
+    put_shape("solid/1/o.obj", 1);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    wait_for(client, "solid", RELIGHT_MODEL_PREVIEW, NULL, id);
+    OK(relight_geometry(client, id, false, &g, &error));
+    for (int i = 0; i < 3 * OCTAHEDRON_VERTICES; i++)
+        moved[i / 3][i % 3] = 1.5f * g.position[i / 3][i % 3];
+    relight_geometry_finish(&g);
+    OK(relight_put_pose(client, id, NULL, 0, OCTAHEDRON_VERTICES, moved[0], NULL, false, pose,
+                        &error));
+    struct relight_light light = {.env = "constant"};
+    struct relight_view_request open = {
+        .model = "solid", .n_light = 1, .lights = &light, .pose = pose};
+    open.picture.width = open.picture.height = 16;
+    OK(relight_view_open(client, &open, &view, &error));
+    OK(relight_view_next(view, 20, &frame, &error));
+    snprintf(before, sizeof before, "%s", frame.image.mesh_hash);
+    relight_frame_out_finish(&frame);
+    put_text("solid/2/model.json", preview);
+    put_text("solid/2/o.obj", tetrahedron);
+    wait_for(client, "solid", RELIGHT_MODEL_PREVIEW, id, second);
+    for (bool over = false; !over; relight_frame_out_finish(&frame)) {
+        OK(relight_view_next(view, 20, &frame, &error));
+        over = strcmp(frame.image.mesh_hash, before) != 0;
+    }
+    OK(relight_view_close(view, NULL, NULL, &error));
+    relight_close(client);
+}
+
 // LIST is answered in parts of at most as many models as were asked for.
 static void test_list_in_parts(void **state)
 {
@@ -614,6 +656,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(test_versions),
         TEST(test_replaced_version),
+        TEST(test_a_pose_stays_behind),
         TEST(test_equal_versions),
         TEST(test_faulty_versions),
         TEST(test_source_is_baked_again),
