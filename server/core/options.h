@@ -119,9 +119,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Time limit of one bake; the daemon then stops it. 0: no limit")                          \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                   \
       "Memory for open baked transport, in use and pinned models included; beyond it the "      \
-      "least recently used model is unloaded, and others wait for one in use. A model above "   \
-      "it is open alone. Pages of unloaded ones, at most a quarter of it and 64M, are kept "    \
-      "for the next up to a minute longer")                                                     \
+      "least recently used model is unloaded, first one of a client whose models take more "    \
+      "than an equal share, and others wait for one in use. A model above it is open alone. "   \
+      "Pages of unloaded ones, at most a quarter of it and 64M, are kept for the next up to a " \
+      "minute longer")                                                                          \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                     \
       "Memory for decoded environments, lights, visibility buffers and colours that "           \
       "are kept for reuse")                                                                     \

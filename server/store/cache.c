@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The table of shared results: chained hashing by key text, and a use-ordered list of entries
 // that nobody holds. Clients choose keys: the hash has a secret seed, and the table grows.
-#include "store/cache.h"
+#include "store/cache_private.h"
 
 #include "core/work.h"
 #include "prt/base.h"
@@ -13,24 +13,6 @@
 #include <sys/random.h>
 
 enum { FIRST_BUCKETS = 1024, LARGE = 4 << 20 };
-
-struct cache {
-    struct cache_entry **bucket, **begin[CACHE_BEGINNINGS]; // [n_bucket] each
-    size_t n_bucket;
-    uint64_t seed;
-    struct cache_entry *newest, *oldest;
-    struct cache_entry *newest_holder, *oldest_holder;
-    size_t budget;
-    struct cache_counts counts;
-    struct cache *files;   // entries of it are held by values of this one
-    struct cache *holders; // the other way round
-    bool relieving;
-    size_t values, promised; // bytes of all values; of admissions without their value
-    struct cache_admission *admission, **last_admission;
-    bool admitting;
-    struct cache_entry no_memory; // returned where no entry can be allocated; never freed
-    struct work_pool *workers;    // NULL: values are destroyed at once
-};
 
 // One block: by keys, then by their beginnings.
 static void set_tables(struct cache *cache, struct cache_entry **block, size_t n)
@@ -72,8 +54,7 @@ static struct cache_entry **bucket_of(const struct cache *cache, uint64_t hash)
 
 // ---- entries whose keys begin alike
 
-// Bytes of MODEL/, or of MODEL/NUMBER/ (which: 1); 0 where the text does not begin so.
-static size_t beginning(const char *text, int which)
+size_t cache_beginning(const char *text, int which)
 {
     const char *slash = strchr(text, '/');
     if (!slash || !which) return slash ? (size_t)(slash - text) + 1 : 0;
@@ -93,7 +74,7 @@ static void link_beginning(struct cache *cache, struct cache_entry *e, int which
 static void enter_beginnings(struct cache *cache, struct cache_entry *e)
 {
     for (int i = 0; i < CACHE_BEGINNINGS; i++) {
-        size_t n = beginning(e->key, i);
+        size_t n = cache_beginning(e->key, i);
         if (!n) continue;
         e->beginning[i].hash = prt_hash64(e->key, n, cache->seed);
         link_beginning(cache, e, i);
@@ -211,9 +192,18 @@ void cache_use_workers(struct cache *cache, struct work_pool *pool)
     cache->workers = pool;
 }
 
+struct cache_entry *cache_look_up(const struct cache *cache, const char *key)
+{
+    uint64_t hash = prt_hash64(key, strlen(key), cache->seed);
+    struct cache_entry *e = *bucket_of(cache, hash);
+    while (e && (e->hash != hash || strcmp(e->key, key))) e = e->chain;
+    return e;
+}
+
 static void free_entry(struct cache *cache, struct cache_entry *e)
 {
     if (e->value && e->destroy) destroy_value(cache, e);
+    cache_leave_owner(cache, e);
     cache->counts.bytes -= e->bytes + overhead(e);
     cache->values -= e->bytes;
     free(e->key);
@@ -237,32 +227,51 @@ static bool drop_holder(struct cache *cache)
     return true;
 }
 
-// Evicts until the values and `more` bytes fit, or nothing is left that may go.
-static void make_room(struct cache *cache, size_t more)
+static void evict(struct cache *cache, struct cache_entry *e)
 {
-    while (cache->counts.bytes + more > cache->budget && cache->oldest) {
-        cache->counts.evictions++;
-        drop(cache, cache->oldest);
+    cache->counts.evictions++;
+    drop(cache, e);
+}
+
+// One that holds a file of an owner above its share goes, and the file may.
+static bool evict_holder(struct cache *cache, const struct cache_asker *asker)
+{
+    struct cache_entry *e = cache->relieving ? NULL : cache_holder_above_share(cache, asker);
+    if (!e) return false;
+    cache->relieving = true; // its file is released, which calls make_room again
+    evict(cache->holders, e);
+    cache->relieving = false;
+    return true;
+}
+
+// Evicts until the values and `more` bytes fit, or nothing is left that may go.
+static void make_room(struct cache *cache, size_t more, struct cache_asker asker)
+{
+    while (cache->counts.bytes + more > cache->budget) {
+        struct cache_entry *e = cache_above_share(cache, &asker);
+        if (!e && evict_holder(cache, &asker)) continue;
+        if (!e) e = cache->oldest;
+        if (!e) break;
+        evict(cache, e);
     }
     if (cache->relieving || !cache->holders) return;
     cache->relieving = true; // evicted holders release files, which calls this function again
     while (cache->counts.bytes + more > cache->budget && drop_holder(cache->holders)) continue;
     cache->relieving = false;
     // What the last of them held.
-    while (cache->counts.bytes + more > cache->budget && cache->oldest) {
-        cache->counts.evictions++;
-        drop(cache, cache->oldest);
-    }
+    while (cache->counts.bytes + more > cache->budget && cache->oldest)
+        evict(cache, cache->oldest);
 }
 
 static void keep_budget(struct cache *cache)
 {
-    make_room(cache, 0);
+    make_room(cache, 0, (struct cache_asker){NULL, 0});
 }
 
-static bool has_room(struct cache *cache, size_t bytes)
+static bool has_room(struct cache *cache, const struct cache_admission *a)
 {
-    make_room(cache, cache->promised + bytes);
+    const size_t bytes = a->bytes;
+    make_room(cache, cache->promised + bytes, (struct cache_asker){a->owner, bytes});
     return cache->counts.bytes + cache->promised + bytes <= cache->budget ||
            (!cache->values && !cache->promised);
 }
@@ -271,11 +280,12 @@ static void admit_next(struct cache *cache)
 {
     if (cache->admitting || cache->relieving) return;
     cache->admitting = true;
-    while (cache->admission && has_room(cache, cache->admission->bytes)) {
+    while (cache->admission && has_room(cache, cache->admission)) {
         struct cache_admission *a = cache->admission;
         cache->admission = a->next;
         if (!cache->admission) cache->last_admission = &cache->admission;
         cache->promised += a->bytes;
+        if (a->owner) a->owner->promised += a->bytes;
         a->holds = true;
         a->admitted(a);
     }
@@ -318,6 +328,7 @@ void cache_admission_end(struct cache *cache, struct cache_admission *a)
     if (!a->holds) return;
     a->holds = false;
     cache->promised -= a->bytes;
+    if (a->owner) a->owner->promised -= a->bytes;
     admit_next(cache);
 }
 
@@ -353,24 +364,16 @@ void cache_destroy(struct cache *cache)
     free(cache);
 }
 
-static struct cache_entry *look_up(const struct cache *cache, const char *key)
-{
-    uint64_t hash = prt_hash64(key, strlen(key), cache->seed);
-    struct cache_entry *e = *bucket_of(cache, hash);
-    while (e && (e->hash != hash || strcmp(e->key, key))) e = e->chain;
-    return e;
-}
-
 struct cache_entry *cache_find(struct cache *cache, const char *key)
 {
-    struct cache_entry *e = look_up(cache, key);
+    struct cache_entry *e = cache_look_up(cache, key);
     if (e) cache_hold(e);
     return e;
 }
 
 bool cache_has(const struct cache *cache, const char *key)
 {
-    const struct cache_entry *e = look_up(cache, key);
+    const struct cache_entry *e = cache_look_up(cache, key);
     return e && e->state == CACHE_READY;
 }
 
@@ -445,6 +448,7 @@ void cache_fill(struct cache_entry *e, void *value, size_t bytes, void (*destroy
     e->destroy = destroy;
     e->cache->counts.bytes += bytes;
     e->cache->values += bytes;
+    if (e->owner) e->owner->bytes += bytes;
     keep_budget(e->cache);
     wake_all(e);
 }
@@ -455,6 +459,7 @@ void cache_grow(struct cache_entry *e, size_t bytes)
     e->bytes += bytes;
     e->cache->counts.bytes += bytes;
     e->cache->values += bytes;
+    if (e->owner) e->owner->bytes += bytes;
     keep_budget(e->cache);
 }
 
@@ -516,7 +521,7 @@ static bool begins(const struct cache_entry *e, const char *prefix, bool pending
 static void leave_alike(struct cache *cache, const char *prefix, bool pending, int which,
                         struct cache_entry **unused)
 {
-    uint64_t hash = prt_hash64(prefix, beginning(prefix, which), cache->seed);
+    uint64_t hash = prt_hash64(prefix, cache_beginning(prefix, which), cache->seed);
     for (struct cache_entry *e = cache->begin[which][hash % cache->n_bucket], *next; e;
          e = next) {
         next = e->beginning[which].next;
@@ -527,8 +532,8 @@ static void leave_alike(struct cache *cache, const char *prefix, bool pending, i
 void cache_forget(struct cache *cache, const char *prefix, bool pending)
 {
     struct cache_entry *unused = NULL;
-    if (beginning(prefix, 1)) leave_alike(cache, prefix, pending, 1, &unused);
-    else if (beginning(prefix, 0)) leave_alike(cache, prefix, pending, 0, &unused);
+    if (cache_beginning(prefix, 1)) leave_alike(cache, prefix, pending, 1, &unused);
+    else if (cache_beginning(prefix, 0)) leave_alike(cache, prefix, pending, 0, &unused);
     else
         for (size_t i = 0; i < cache->n_bucket; i++)
             for (struct cache_entry *e = cache->bucket[i], *next; e; e = next) {

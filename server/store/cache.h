@@ -25,6 +25,14 @@ struct cache_link {
 };
 enum { CACHE_BEGINNINGS = 2 }; /* MODEL/ and MODEL/GENERATION/ */
 
+/* A principal that made entries. */
+struct cache_owner {
+    struct cache_owner *next;
+    char name[96];
+    size_t bytes, promised; /* of values; of admissions without their value */
+    unsigned n_entry;
+};
+
 struct cache_entry {
     struct cache_entry *chain;                       /* of its hash bucket */
     struct cache_link beginning[CACHE_BEGINNINGS];   /* at is NULL: it is in no such chain */
@@ -46,7 +54,8 @@ struct cache_entry {
      * entry is computed in any case. Set by the creator. */
     void (*unwanted)(struct cache_entry *entry);
     void *job;
-    bool forgotten;  /* removed from the table; freed with its last reference */
+    struct cache_owner *owner; /* NULL: nobody's */
+    bool forgotten;            /* removed from the table; freed with its last reference */
     bool holds_file; /* its value holds an entry of another cache: set before cache_fill */
     bool
         any_thread; /* its value, when large, is destroyed by a worker: set before cache_fill */
@@ -78,6 +87,10 @@ void cache_fill(struct cache_entry *entry, void *value, size_t bytes, void (*des
 void cache_grow(struct cache_entry *entry, size_t bytes);
 /* Wakes the waiters and removes the entry from the table: a later request computes it again. */
 void cache_fail(struct cache_entry *entry, int error_code, const char *text);
+/* Before cache_fill: who caused the entry. Beyond the budget those go first whose owner's
+ * entries take more than an equal share of it among the owners, then the least recently used.
+ * Without memory it stays nobody's. */
+void cache_set_owner(struct cache_entry *entry, const char *name);
 void cache_wait(struct cache_entry *entry, struct cache_waiter *waiter);
 /* A waiter whose wake was not called yet stops waiting for the entry, which the caller holds:
  * also where the entry has ended and others are being woken. When the entry is pending, it was
@@ -102,6 +115,7 @@ struct cache_admission {
     struct cache_admission *next;
     size_t bytes;
     void (*admitted)(struct cache_admission *admission);
+    struct cache_owner *owner; /* of an entry that the caller holds; NULL: nobody */
     bool holds;
 };
 void cache_admit(struct cache *cache, struct cache_admission *admission);

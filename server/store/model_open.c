@@ -408,6 +408,8 @@ static void start_opening(struct model *m, struct cache_entry *entry, const char
         work_submit(m->server->work, &o->work);
         return;
     }
+    cache_set_owner(entry, o->actor.name[0] ? o->actor.name : m->owner);
+    o->room.owner = entry->owner;
     o->room.admitted = admitted;
     o->room.bytes = preview ? m->preview_bytes : m->copy ? m->copy->bytes : m->bake_bytes;
     if (!preview && !o->room.bytes) o->room.bytes = m->away_bytes;

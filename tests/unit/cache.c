@@ -552,6 +552,81 @@ static void test_holders_release_files(void **state)
     cache_destroy(files);
 }
 
+// ---- shares
+
+enum { FILE_BYTES = 100 * VALUE };
+
+static void granted(struct cache_admission *a)
+{
+    assert_true(a->holds);
+}
+
+// Opens a file of this owner, as models do; `keeps`: it stays in use.
+static struct cache_entry *open_file(const char *key, const char *owner, bool keeps)
+{
+    bool fresh;
+    struct cache_entry *e = cache_get(files, key, &fresh);
+    assert_true(fresh);
+    cache_set_owner(e, owner);
+    struct cache_admission a = {.bytes = FILE_BYTES, .admitted = granted, .owner = e->owner};
+    cache_admit(files, &a);
+    assert_true(a.holds);
+    cache_fill(e, malloc(FILE_BYTES), FILE_BYTES, destroy);
+    cache_admission_end(files, &a);
+    if (keeps) return e;
+    cache_release(e);
+    return NULL;
+}
+
+// One that opens file after file takes the place of its own, not of another's within its share.
+static void test_files_have_shares(void **state)
+{
+    struct cache *holders;
+    bool fresh;
+    char key[16];
+    assert_int_equal(cache_create(4 * FILE_BYTES + 4 * entry_bytes("e/mesh", 0), &files), 0);
+    assert_int_equal(cache_create(1 << 20, &holders), 0);
+    cache_hold_files(holders, files);
+    open_file("ann0", "ann", false);
+    open_file("ann1", "ann", false);
+    for (int i = 0; i < 9; i++) {
+        snprintf(key, sizeof key, "eve%d", i);
+        open_file(key, "eve", false);
+    }
+    assert_true(is_there(files, "ann0") && is_there(files, "ann1"));
+    assert_true(is_there(files, "eve7") && is_there(files, "eve8"));
+    // Alone she has all of it; of Ann's third file the oldest of hers goes.
+    cache_forget(files, "ann", false);
+    open_file("eve9", "eve", false);
+    open_file("evea", "eve", false);
+    open_file("ann2", "ann", false);
+    assert_true(is_there(files, "ann2") && !is_there(files, "eve7"));
+    // Results that hold files of hers go first, too.
+    cache_forget(files, "eve", false);
+    open_file("ann3", "ann", false);
+    struct cache_entry *shape = cache_get(holders, "e/1/shape", &fresh);
+    shape->holds_file = true;
+    cache_fill(shape, open_file("e/mesh", "eve", true), 1, destroy_holder);
+    cache_release(shape);
+    open_file("eveb", "eve", false);
+    open_file("evec", "eve", false);
+    assert_true(is_there(files, "ann2") && is_there(files, "ann3"));
+    assert_false(is_there(files, "e/mesh") && is_there(files, "eveb"));
+    // Where all of hers are in use, others' make room: she is not kept from working.
+    struct cache_entry *used[3];
+    for (int i = 0; i < 3; i++) {
+        snprintf(key, sizeof key, "use%d", i);
+        used[i] = open_file(key, "eve", true);
+    }
+    assert_false(is_there(files, "ann2") && is_there(files, "ann3"));
+    for (int i = 0; i < 3; i++) cache_release(used[i]);
+    cache_forget(holders, "", false);
+    cache_forget(files, "", false);
+    assert_int_equal(bytes_of(files), 0);
+    cache_destroy(holders);
+    cache_destroy(files);
+}
+
 // ---- forgetting what begins alike
 
 // Some have no generation, or something else in its place.
@@ -657,6 +732,7 @@ int main(void)
         cmocka_unit_test(test_hopeless_admissions_leave),
         cmocka_unit_test(test_charges_take_room),
         cmocka_unit_test(test_holders_release_files),
+        cmocka_unit_test(test_files_have_shares),
         cmocka_unit_test(test_what_begins_alike_goes),
         cmocka_unit_test(test_a_full_cache_forgets_as_fast),
         cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
