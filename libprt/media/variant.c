@@ -179,6 +179,7 @@ int prt_variant_create(const struct prt_context *ctx, const char *model,
     v->plain = true;
     v->mesh = *mesh;
     v->mesh.owner = v->mesh.parts = NULL;
+    v->mesh.model = NULL;
     status = view_blocks(&b, v, block, (float(*)[3])(block + n));
     if (v->mesh.gain) v->plain = false;
     if (!status) status = view_media(&b, v);

@@ -10,6 +10,7 @@ void prt_mesh_destroy(struct prt_mesh *mesh)
     if (!mesh) return;
     prt_free(mesh->owner);
     prt_free(mesh->parts);
+    prt_free(mesh->model);
     prt_free(mesh);
 }
 
@@ -125,6 +126,9 @@ int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double 
         return prt_fail(ctx, PRT_ARG,
                         "the model would be %.3g mm across; 0.001 to 1000000 mm are allowed",
                         diagonal * scale);
+    mesh->model = prt_alloc(mesh->n_vertex, sizeof *mesh->model);
+    if (!mesh->model) return PRT_NOMEM;
+    memcpy(mesh->model, mesh->position, (size_t)mesh->n_vertex * sizeof *mesh->model);
     for (uint32_t v = 0; v < mesh->n_vertex; v++)
         for (int c = 0; c < 3; c++)
             mesh->position[v][c] = (float)(mesh->position[v][c] * scale);

@@ -16,7 +16,9 @@ struct prt_scene {
     RTCDevice device;
     RTCScene scene;
     const struct prt_mesh *mesh;
-    float epsilon;
+    struct prt_mesh model; // the mesh in its own units, which the BVH is of
+    float mm, inv_mm;      // a unit of it
+    float epsilon, model_epsilon;
 };
 
 static void embree_error(void *user, enum RTCError code, const char *text)
@@ -38,6 +40,45 @@ static float mean_edge(const struct prt_mesh *mesh)
     return n ? (float)(sum / (double)n) : 0;
 }
 
+// Of one object: 1e-4 of the mean edge or 1e-6 of its diagonal; 0: it has no translucent area.
+static double object_epsilon(const struct prt_mesh *mesh, uint32_t object, double *farthest)
+{
+    double lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double edges = 0, square = 0;
+    size_t n = 0;
+    for (uint32_t b = 0; b < mesh->n_block; b++) {
+        const struct prt_block *block = &mesh->block[b];
+        if (block->object != object || !mesh->surface[block->surface].translucent) continue;
+        for (uint32_t t = block->triangle_begin; t < block->triangle_begin + block->n_triangle;
+             t++, n++) {
+            const float *p = mesh->position[mesh->triangle[t][0]];
+            const float *q = mesh->position[mesh->triangle[t][1]];
+            double d = 0;
+            for (int k = 0; k < 3; k++) {
+                lo[k] = fmin(lo[k], (double)p[k]), hi[k] = fmax(hi[k], (double)p[k]);
+                *farthest = fmax(*farthest, fabs((double)p[k]));
+                d += ((double)p[k] - q[k]) * ((double)p[k] - q[k]);
+            }
+            edges += sqrt(d);
+        }
+    }
+    for (int k = 0; k < 3 && n; k++) square += (hi[k] - lo[k]) * (hi[k] - lo[k]);
+    return n ? fmax(1e-4 * edges / (double)n, 1e-6 * sqrt(square)) : 0;
+}
+
+// The least of the translucent objects, above the rounding of positions: a power of two, so
+// that a mesh that is changed a little, or stands beside another, has the same.
+static float model_epsilon(const struct prt_mesh *mesh, float otherwise)
+{
+    double least = INFINITY, farthest = 0;
+    for (uint32_t o = 0; o < mesh->n_object; o++) {
+        const double own = object_epsilon(mesh, o, &farthest);
+        if (own > 0) least = fmin(least, own);
+    }
+    if (!(least < INFINITY)) return otherwise;
+    return (float)exp2(ceil(log2(fmax(least, 2.5e-7 * farthest))));
+}
+
 static int commit(const struct prt_context *ctx, struct prt_scene *s)
 {
     rtcCommitScene(s->scene);
@@ -49,7 +90,7 @@ static int commit(const struct prt_context *ctx, struct prt_scene *s)
 // Embree gets copies: it reads up to 16 bytes behind the last vertex.
 static int attach(const struct prt_context *ctx, struct prt_scene *s)
 {
-    const struct prt_mesh *mesh = s->mesh;
+    const struct prt_mesh *mesh = &s->model;
     RTCGeometry geometry = rtcNewGeometry(s->device, RTC_GEOMETRY_TYPE_TRIANGLE);
     float *vertex = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
                                             RTC_FORMAT_FLOAT3, 12, mesh->n_vertex);
@@ -88,6 +129,12 @@ int prt_scene_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
     struct prt_scene *s = calloc(1, sizeof *s);
     if (!s) return PRT_NOMEM;
     s->mesh = mesh;
+    s->model = *mesh;
+    s->mm = s->inv_mm = 1;
+    if (mesh->model) {
+        s->model.position = mesh->model;
+        s->mm = mesh->mm_per_unit, s->inv_mm = 1 / mesh->mm_per_unit;
+    }
     char config[64];
     snprintf(config, sizeof config, "threads=%u", prt_pool_size(ctx ? ctx->pool : NULL));
     s->device = rtcNewDevice(config);
@@ -112,6 +159,7 @@ int prt_scene_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
         }
     for (int k = 0; k < 3; k++) diagonal2 += (double)(hi[k] - lo[k]) * (hi[k] - lo[k]);
     s->epsilon = fmaxf(1e-4f * mean_edge(mesh), (float)(1e-6 * sqrt(diagonal2)));
+    s->model_epsilon = model_epsilon(&s->model, s->epsilon * s->inv_mm);
     *out = s;
     return PRT_OK;
 }
@@ -134,6 +182,21 @@ float prt_scene_epsilon(const struct prt_scene *scene)
     return scene->epsilon;
 }
 
+const struct prt_mesh *prt_scene_model(const struct prt_scene *scene)
+{
+    return &scene->model;
+}
+
+float prt_scene_model_epsilon(const struct prt_scene *scene)
+{
+    return scene->model_epsilon;
+}
+
+float prt_scene_model_units(const struct prt_scene *scene)
+{
+    return scene->inv_mm;
+}
+
 void prt_trace_thread_init(void)
 {
 #if defined(__SSE__)
@@ -147,20 +210,26 @@ static void valid_lanes(uint32_t mask, int valid[16])
     for (int i = 0; i < 16; i++) valid[i] = -(int)(mask >> i & 1);
 }
 
-uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_packet *packet,
-                              uint32_t mask)
+static void scale_lanes(float out[16], const float in[16], float by)
+{
+    for (int i = 0; i < 16; i++) out[i] = by * in[i];
+}
+
+// Lengths of the packet times `unit` are in the model's units.
+static uint32_t occluded(const struct prt_scene *scene, const struct prt_packet *packet,
+                         float unit, uint32_t mask)
 {
     struct RTCRay16 ray;
     int valid[16] __attribute__((aligned(64)));
     valid_lanes(mask, valid);
-    memcpy(ray.org_x, packet->ox, 64);
-    memcpy(ray.org_y, packet->oy, 64);
-    memcpy(ray.org_z, packet->oz, 64);
+    scale_lanes(ray.org_x, packet->ox, unit);
+    scale_lanes(ray.org_y, packet->oy, unit);
+    scale_lanes(ray.org_z, packet->oz, unit);
     memcpy(ray.dir_x, packet->dx, 64);
     memcpy(ray.dir_y, packet->dy, 64);
     memcpy(ray.dir_z, packet->dz, 64);
-    memcpy(ray.tnear, packet->tnear, 64);
-    memcpy(ray.tfar, packet->tfar, 64);
+    scale_lanes(ray.tnear, packet->tnear, unit);
+    scale_lanes(ray.tfar, packet->tfar, unit);
     for (int i = 0; i < 16; i++) {
         ray.time[i] = 0;
         ray.mask[i] = ~0u;
@@ -173,20 +242,32 @@ uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_pa
     return hit & mask;
 }
 
+uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_packet *packet,
+                              uint32_t mask)
+{
+    return occluded(scene, packet, scene->inv_mm, mask);
+}
+
+uint32_t prt_scene_model_occluded16(const struct prt_scene *scene,
+                                    const struct prt_packet *packet, uint32_t mask)
+{
+    return occluded(scene, packet, 1, mask);
+}
+
 void prt_scene_intersect16(const struct prt_scene *scene, struct prt_packet *packet,
                            uint32_t mask, bool coherent)
 {
     struct RTCRayHit16 rh;
     int valid[16] __attribute__((aligned(64)));
     valid_lanes(mask, valid);
-    memcpy(rh.ray.org_x, packet->ox, 64);
-    memcpy(rh.ray.org_y, packet->oy, 64);
-    memcpy(rh.ray.org_z, packet->oz, 64);
+    scale_lanes(rh.ray.org_x, packet->ox, scene->inv_mm);
+    scale_lanes(rh.ray.org_y, packet->oy, scene->inv_mm);
+    scale_lanes(rh.ray.org_z, packet->oz, scene->inv_mm);
     memcpy(rh.ray.dir_x, packet->dx, 64);
     memcpy(rh.ray.dir_y, packet->dy, 64);
     memcpy(rh.ray.dir_z, packet->dz, 64);
-    memcpy(rh.ray.tnear, packet->tnear, 64);
-    memcpy(rh.ray.tfar, packet->tfar, 64);
+    scale_lanes(rh.ray.tnear, packet->tnear, scene->inv_mm);
+    scale_lanes(rh.ray.tfar, packet->tfar, scene->inv_mm);
     for (int i = 0; i < 16; i++) {
         rh.ray.time[i] = 0;
         rh.ray.mask[i] = ~0u;
@@ -198,7 +279,7 @@ void prt_scene_intersect16(const struct prt_scene *scene, struct prt_packet *pac
     embree_intersect16(valid, scene->scene, &rh, coherent);
     for (int i = 0; i < 16; i++) {
         bool hit = (mask >> i & 1) && rh.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
-        packet->t[i] = hit ? rh.ray.tfar[i] : packet->tfar[i];
+        packet->t[i] = hit ? scene->mm * rh.ray.tfar[i] : packet->tfar[i];
         packet->u[i] = hit ? rh.hit.u[i] : 0;
         packet->v[i] = hit ? rh.hit.v[i] : 0;
         packet->gx[i] = rh.hit.Ng_x[i], packet->gy[i] = rh.hit.Ng_y[i];

@@ -24,12 +24,6 @@ double prt_surface_area(const struct prt_mesh *mesh)
     return area;
 }
 
-static void free_pieces(struct piece_list *list)
-{
-    prt_free(list->triangle);
-    prt_free(list->end);
-}
-
 static int alloc_samples(struct prt_surface_points *s, uint32_t n)
 {
     s->position = prt_alloc(n, sizeof *s->position);
@@ -39,9 +33,19 @@ static int alloc_samples(struct prt_surface_points *s, uint32_t n)
     s->centre = prt_calloc(n, sizeof *s->centre);
     s->spread = prt_calloc(n, sizeof *s->spread);
     s->object = prt_alloc(n, sizeof *s->object);
+    s->triangle = prt_alloc(n, sizeof *s->triangle);
+    s->inside = prt_alloc(n, sizeof *s->inside);
+    s->stratum = prt_alloc(n, sizeof *s->stratum);
     bool all = s->position && s->normal && s->face_normal && s->area && s->centre &&
-               s->spread && s->object;
+               s->spread && s->object && s->triangle && s->inside && s->stratum;
     return all ? PRT_OK : PRT_NOMEM;
+}
+
+static double object_area(const struct prt_mesh *mesh, const struct piece_list *list)
+{
+    double area = 0;
+    for (uint32_t i = 0; i < list->n; i++) area += triangle_area(mesh, list->triangle[i]);
+    return area;
 }
 
 int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
@@ -53,23 +57,28 @@ int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mes
     int status = s && list ? PRT_OK : PRT_NOMEM;
     if (s) {
         s->n_object = mesh->n_object;
+        s->n_wanted = n_sample;
         s->object_begin = prt_calloc(mesh->n_object + 1u, sizeof *s->object_begin);
         if (!s->object_begin) status = PRT_NOMEM;
     }
     for (uint32_t o = 0; status == PRT_OK && o < mesh->n_object; o++)
-        status = prt_surface_order(mesh, o, &list[o]);
-    if (status == PRT_OK && prt_surface_share(s, list, n_sample))
+        status = prt_surface_order(mesh, o, n_sample, &list[o]);
+    if (status == PRT_OK) status = prt_surface_share(s, list, n_sample, seed);
+    if (status == PRT_ARG)
         status = prt_fail(ctx, PRT_ARG, "nothing to sample: no translucent triangle has area");
     if (status == PRT_OK) status = alloc_samples(s, s->n_sample);
     if (status == PRT_OK && prt_mesh_has_look(mesh) &&
         !(s->tint = prt_alloc(s->n_sample, sizeof *s->tint)))
         status = PRT_NOMEM;
+    for (uint32_t o = 0; status == PRT_OK && o < mesh->n_object; o++) {
+        const uint32_t own = s->object_begin[o + 1] - s->object_begin[o];
+        const double mm2 = own ? object_area(mesh, &list[o]) : 0;
+        if (own) s->spacing = fmaxf(s->spacing, (float)sqrt(mm2 / own));
+    }
     for (uint32_t o = 0; status == PRT_OK && o < mesh->n_object; o++)
-        if (s->object_begin[o] < s->object_begin[o + 1])
-            prt_surface_place(s, mesh, &list[o], o, s->object_begin[o + 1] - s->object_begin[o],
-                              seed);
+        prt_surface_place(s, mesh, &list[o], o);
     if (status == PRT_OK) status = prt_surface_cells(ctx, s, mesh, list, fine_mm);
-    for (uint32_t o = 0; list && o < mesh->n_object; o++) free_pieces(&list[o]);
+    for (uint32_t o = 0; list && o < mesh->n_object; o++) prt_surface_pieces_finish(&list[o]);
     free(list);
     if (status == PRT_OK) *out = s;
     else prt_surface_destroy(s);
@@ -113,6 +122,9 @@ void prt_surface_destroy(struct prt_surface_points *s)
     prt_free(s->centre);
     prt_free(s->spread);
     prt_free(s->object);
+    prt_free(s->triangle);
+    prt_free(s->inside);
+    prt_free(s->stratum);
     prt_free(s->object_begin);
     prt_free(s->fine);
     prt_free(s->cell_begin);

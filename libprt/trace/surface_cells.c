@@ -290,13 +290,14 @@ static double fine_distance(const struct prt_mesh *mesh, uint32_t n_sample, doub
 void prt_surface_memory(const struct prt_mesh *mesh, uint32_t n_sample, float fine_mm,
                         uint64_t *making, uint64_t *kept)
 {
-    enum { A_TRIANGLE = 48 }; // its key while it is sorted, its index and running area
+    enum { A_TRIANGLE = 64 }; // its key while it is sorted, its index, block, running area
     uint64_t n_fine, n = n_sample;
     fine_distance(mesh, n_sample, (double)fine_mm, &n_fine);
     const struct prt_surface_points *s = NULL;
     uint64_t a_sample = sizeof *s->position + sizeof *s->normal + sizeof *s->face_normal +
                         sizeof *s->area + sizeof *s->centre + sizeof *s->spread +
-                        sizeof *s->object + sizeof *s->cell_begin;
+                        sizeof *s->object + sizeof *s->cell_begin + sizeof *s->triangle +
+                        sizeof *s->inside + sizeof *s->stratum;
     uint64_t a_cell = sizeof *s->cell_fine + sizeof *s->cell_weight;
     *kept = n * a_sample + n_fine * (sizeof *s->fine + NEIGHBOURS * a_cell);
     *making = *kept + n_fine * (sizeof(struct neighbour) + sizeof(float)) +

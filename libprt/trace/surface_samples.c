@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Stratified area samples of the translucent surface.
+// Stratified area samples of the translucent surface: triangles in the order of blocks, and the
+// points of the samples on them.
 #include "trace/surface_private.h"
 #include "trace/triangle.h"
 
@@ -7,33 +8,63 @@
 #include <stdlib.h>
 #include <string.h>
 
+// A cell of the grid, a place on the Morton curve within it.
 struct key {
-    uint64_t code;
+    uint64_t block, code;
     uint32_t triangle;
 };
 
 static int key_order(const void *a, const void *b)
 {
     const struct key *x = a, *y = b;
+    if (x->block != y->block) return x->block < y->block ? -1 : 1;
     if (x->code != y->code) return x->code < y->code ? -1 : 1;
     return x->triangle < y->triangle ? -1 : x->triangle > y->triangle;
 }
 
-// The place of a triangle's centre on a Morton curve of 2^21 cells a side.
-static uint64_t morton_code(const struct prt_mesh *mesh, uint32_t t, const float lo[3],
-                            double edge)
+// The cell of a triangle's centre in a grid through the origin, and its place on a Morton curve
+// of 2^21 steps a side through the cell. Neither changes with another part of the mesh.
+static struct key key_of(const struct prt_mesh *mesh, uint32_t t, double edge)
 {
-    uint64_t code = 0;
+    const float(*at)[3] = prt_mesh_model_positions(mesh);
+    struct key key = {.triangle = t};
     for (int k = 0; k < 3; k++) {
         double c = 0;
-        for (int j = 0; j < 3; j++) c += mesh->position[mesh->triangle[t][j]][k] / 3.0;
-        double f = (c - lo[k]) / edge;
-        code |= morton_spread((uint64_t)(fmin(fmax(f, 0), 1) * 2097151.0)) << k;
+        for (int j = 0; j < 3; j++) c += at[mesh->triangle[t][j]][k] / 3.0;
+        const double cell = floor(c / edge), in = c / edge - cell;
+        key.block |= morton_spread((uint64_t)((int64_t)fmax(fmin(cell, 1e15), -1e15))) << k;
+        key.code |= morton_spread((uint64_t)(fmin(fmax(in, 0), 1) * 2097151.0)) << k;
     }
-    return code;
+    return key;
 }
 
-int prt_surface_order(const struct prt_mesh *mesh, uint32_t object, struct piece_list *out)
+// The edge of a block: a power of two, so that it holds for a mesh that is a little larger. An
+// object has about most_blocks of them, fewer where there are few samples.
+static double block_edge(double area, uint32_t n_sample)
+{
+    static const double most_blocks = 1024, samples = 16; // chosen, not measured
+    double n = exp2(2 * round(log2(n_sample / samples) / 2));
+    n = fmin(fmax(n, 1), most_blocks);
+    return area > 0 ? exp2(round(log2(area / n) / 2)) : 1;
+}
+
+static double list_triangles(const struct prt_mesh *mesh, uint32_t object, struct key *key)
+{
+    double area = 0;
+    size_t n = 0;
+    for (uint32_t b = 0; b < mesh->n_block; b++) {
+        const struct prt_block *block = &mesh->block[b];
+        if (block->object != object || !prt_surface_translucent(mesh, block)) continue;
+        for (uint32_t i = 0; i < block->n_triangle; i++) {
+            key[n].triangle = block->triangle_begin + i;
+            area += model_area(mesh, key[n++].triangle);
+        }
+    }
+    return area;
+}
+
+int prt_surface_order(const struct prt_mesh *mesh, uint32_t object, uint32_t n_sample,
+                      struct piece_list *out)
 {
     size_t n = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++)
@@ -44,66 +75,68 @@ int prt_surface_order(const struct prt_mesh *mesh, uint32_t object, struct piece
     struct key *key = prt_alloc(n, sizeof *key);
     out->triangle = prt_alloc(n, sizeof *out->triangle);
     out->end = prt_alloc(n, sizeof *out->end);
-    if (!key || !out->triangle || !out->end) {
+    out->block = prt_alloc(n, sizeof *out->block);
+    if (!key || !out->triangle || !out->end || !out->block) {
         prt_free(key);
         return PRT_NOMEM;
     }
-    float box[2][3];
-    prt_mesh_bounds(mesh, box);
-    double edge = 1e-30;
-    for (int k = 0; k < 3; k++) edge = fmax(edge, (double)box[1][k] - box[0][k]);
-    size_t i = 0;
-    for (uint32_t b = 0; b < mesh->n_block; b++) {
-        const struct prt_block *block = &mesh->block[b];
-        if (block->object != object || !prt_surface_translucent(mesh, block)) continue;
-        for (uint32_t t = block->triangle_begin; t < block->triangle_begin + block->n_triangle;
-             t++, i++) {
-            uint64_t code = morton_code(mesh, t, box[0], edge);
-            key[i] = (struct key){code, t};
-        }
-    }
+    const double edge = block_edge(list_triangles(mesh, object, key), n_sample);
+    for (size_t i = 0; i < n; i++) key[i] = key_of(mesh, key[i].triangle, edge);
     qsort(key, n, sizeof *key, key_order);
     double sum = 0;
-    for (i = 0; i < n; i++) {
-        sum += triangle_area(mesh, key[i].triangle);
+    for (size_t i = 0; i < n; i++) {
+        sum += model_area(mesh, key[i].triangle);
         out->triangle[i] = key[i].triangle;
+        out->block[i] = key[i].block;
         out->end[i] = sum;
     }
     out->n = (uint32_t)n;
+    out->edge = edge;
     prt_free(key);
     return PRT_OK;
 }
 
-static const uint64_t least_samples = 16; // of an object that has area; chosen, not measured
+void prt_surface_pieces_finish(struct piece_list *list)
+{
+    prt_free(list->triangle);
+    prt_free(list->block);
+    prt_free(list->end);
+    prt_free(list->stratum);
+}
 
-int prt_surface_share(struct prt_surface_points *s, const struct piece_list *list,
-                      uint32_t n_sample)
+static const uint32_t least_samples = 16; // of an object that has area; chosen, not measured
+
+int prt_surface_share(struct prt_surface_points *s, struct piece_list *list, uint32_t n_sample,
+                      uint64_t seed)
 {
     double total = 0;
     uint64_t n = 0;
+    int status = PRT_OK;
     for (uint32_t o = 0; o < s->n_object; o++)
         if (list[o].n) total += list[o].end[list[o].n - 1];
-    for (uint32_t o = 0; o < s->n_object; o++) {
+    for (uint32_t o = 0; o < s->n_object && !status; o++) {
         s->object_begin[o] = (uint32_t)n;
         double area = list[o].n ? list[o].end[list[o].n - 1] : 0;
         if (area <= 0) continue;
-        uint64_t own = (uint64_t)(n_sample * (area / total) + 0.5);
-        if (own < least_samples) own = least_samples;
-        s->spacing = fmaxf(s->spacing, (float)sqrt(area / (double)own));
-        n += own;
+        double own = fmax(n_sample * (area / total), least_samples);
+        do {
+            prt_free(list[o].stratum);
+            status = prt_surface_draw(&list[o], own, seed);
+            own *= 2;
+        } while (!status && list[o].n_stratum < least_samples);
+        n += list[o].n_stratum;
     }
     s->object_begin[s->n_object] = (uint32_t)n;
     s->n_sample = (uint32_t)n;
-    return n ? PRT_OK : PRT_ARG;
+    return status ? status : n ? PRT_OK : PRT_ARG;
 }
 
 // A point of the unit triangle from f in [0,1): the 4-way split of the triangle walked in a
 // fixed order, so that nearby f are nearby points and equal steps are equal areas.
-static void walk_triangle(double f, float jitter_u, float jitter_v, unsigned levels, double *bu,
-                          double *bv)
+static void walk_triangle(double f, double *bu, double *bv)
 {
     double a[3][2] = {{0, 0}, {1, 0}, {0, 1}};
-    for (unsigned level = 0; level < levels; level++) {
+    for (unsigned level = 0; level < SURFACE_LEVELS; level++) {
         f *= 4;
         int child = (int)f;
         if (child > 3) child = 3;
@@ -122,10 +155,8 @@ static void walk_triangle(double f, float jitter_u, float jitter_v, unsigned lev
             for (int j = 0; j < 3; j++) a[j][k] = c[child][j];
         }
     }
-    double u = jitter_u, v = jitter_v;
-    if (u + v > 1) u = 1 - u, v = 1 - v;
-    *bu = a[0][0] + u * (a[1][0] - a[0][0]) + v * (a[2][0] - a[0][0]);
-    *bv = a[0][1] + u * (a[1][1] - a[0][1]) + v * (a[2][1] - a[0][1]);
+    *bu = (a[0][0] + a[1][0] + a[2][0]) / 3;
+    *bv = (a[0][1] + a[1][1] + a[2][1]) / 3;
 }
 
 // Turns a sample's normal by the normal map and notes the factor of its irradiance; maps are
@@ -181,22 +212,20 @@ static void place_sample(struct prt_surface_points *s, const struct prt_mesh *me
 }
 
 void prt_surface_place(struct prt_surface_points *s, const struct prt_mesh *mesh,
-                       const struct piece_list *list, uint32_t object, uint32_t n,
-                       uint64_t seed)
+                       const struct piece_list *list, uint32_t object)
 {
-    double total = list->end[list->n - 1], step = total / n, before = 0;
-    uint32_t at = 0, first = s->object_begin[object];
-    struct prt_rng rng;
-    prt_rng_init(&rng, seed, object);
-    for (uint32_t i = 0; i < n; i++) {
-        double a = (i + 0.5) * step;
+    const uint32_t first = s->object_begin[object];
+    double before = 0;
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < list->n_stratum; i++) {
+        const double a = list->stratum[i].sample;
         while (at + 1 < list->n && list->end[at] <= a) before = list->end[at++];
         double own = list->end[at] - before;
-        unsigned levels = 0;
-        for (double piece = own; piece > step && levels < 14; piece /= 4) levels++;
-        float ju = prt_rng_f32(&rng), jv = prt_rng_f32(&rng);
         double bu, bv, f = own > 0 ? (a - before) / own : 0;
-        walk_triangle(fmin(fmax(f, 0), 1), ju, jv, levels, &bu, &bv);
+        walk_triangle(fmin(fmax(f, 0), 1), &bu, &bv);
+        s->triangle[first + i] = list->triangle[at];
+        s->inside[first + i][0] = (float)bu, s->inside[first + i][1] = (float)bv;
+        s->stratum[first + i] = list->stratum[i].begin;
         place_sample(s, mesh, first + i, list->triangle[at], bu, bv);
         s->object[first + i] = object;
     }

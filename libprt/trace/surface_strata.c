@@ -1,34 +1,28 @@
 // SPDX-License-Identifier: MIT
 // The inverse of sampling: from a point of the surface to the sample whose stratum it lies in.
 #include "trace/surface_private.h"
-#include "trace/triangle.h"
 
 #include <stdlib.h>
 
 struct prt_surface_strata {
     const struct prt_surface_points *surface;
-    double *begin;    /* [n_triangle] running area before it [mm^2]; < 0: not translucent */
-    float *area;      /* [n_triangle] mm^2 */
+    double *begin;    /* [n_triangle] running area before it; < 0: not translucent */
+    double *area;     /* [n_triangle] in model units */
     uint32_t *object; /* [n_triangle] */
-    double *step;     /* [n_object] area of a stratum [mm^2] */
 };
 
 static int add_object(struct prt_surface_strata *s, const struct prt_mesh *mesh,
                       uint32_t object)
 {
-    const uint32_t *first = s->surface->object_begin;
     struct piece_list list;
-    int status = prt_surface_order(mesh, object, &list);
+    int status = prt_surface_order(mesh, object, s->surface->n_wanted, &list);
     for (uint32_t i = 0; !status && i < list.n; i++) {
         double before = i ? list.end[i - 1] : 0;
         s->begin[list.triangle[i]] = before;
-        s->area[list.triangle[i]] = (float)(list.end[i] - before);
+        s->area[list.triangle[i]] = list.end[i] - before;
         s->object[list.triangle[i]] = object;
     }
-    uint32_t n = first[object + 1] - first[object];
-    if (!status && n) s->step[object] = list.end[list.n - 1] / n;
-    prt_free(list.triangle);
-    prt_free(list.end);
+    prt_surface_pieces_finish(&list);
     return status;
 }
 
@@ -43,8 +37,7 @@ int prt_surface_strata_create(const struct prt_context *ctx, const struct prt_me
         s->begin = prt_alloc(mesh->n_triangle, sizeof *s->begin);
         s->area = prt_calloc(mesh->n_triangle, sizeof *s->area);
         s->object = prt_calloc(mesh->n_triangle, sizeof *s->object);
-        s->step = prt_calloc(mesh->n_object, sizeof *s->step);
-        if (!s->begin || !s->area || !s->object || !s->step) status = PRT_NOMEM;
+        if (!s->begin || !s->area || !s->object) status = PRT_NOMEM;
     }
     for (uint32_t t = 0; !status && t < mesh->n_triangle; t++) s->begin[t] = -1;
     for (uint32_t o = 0; !status && o < mesh->n_object; o++) status = add_object(s, mesh, o);
@@ -60,16 +53,15 @@ void prt_surface_strata_destroy(struct prt_surface_strata *strata)
     prt_free(strata->begin);
     prt_free(strata->area);
     prt_free(strata->object);
-    prt_free(strata->step);
     free(strata);
 }
 
 // The place of a point on the path that walk_triangle of surface_samples.c takes through the
 // triangle, in [0,1): at each level the child that holds it, and its coordinates there.
-static double path_place(double u, double v, unsigned levels)
+static double path_place(float u, float v)
 {
-    double a = 1 - u - v, b = u, c = v, place = 0, share = 1;
-    for (unsigned level = 0; level < levels; level++) {
+    double b = (double)u, c = (double)v, a = 1 - b - c, place = 0, share = 1;
+    for (unsigned level = 0; level < SURFACE_LEVELS; level++) {
         double x = a, y = b, z = c;
         int child = 1;
         share /= 4;
@@ -85,15 +77,15 @@ static double path_place(double u, double v, unsigned levels)
 uint32_t prt_surface_stratum(const struct prt_surface_strata *strata, uint32_t triangle,
                              float u, float v)
 {
-    uint32_t object = strata->object[triangle];
-    const uint32_t *first = strata->surface->object_begin;
-    uint32_t n = first[object + 1] - first[object];
-    double step = strata->step[object], area = strata->area[triangle];
-    if (strata->begin[triangle] < 0 || !(step > 0)) return UINT32_MAX;
-    unsigned levels = 0;
-    // Two levels finer than the samples' pieces: a stratum's ends fall inside pieces.
-    for (double piece = area; piece > step / 16 && levels < 16; piece /= 4) levels++;
-    double at = strata->begin[triangle] + area * path_place((double)u, (double)v, levels);
-    double i = at / step;
-    return first[object] + (i < n - 1 ? (uint32_t)i : n - 1);
+    const struct prt_surface_points *s = strata->surface;
+    if (strata->begin[triangle] < 0) return UINT32_MAX;
+    const uint32_t object = strata->object[triangle], first = s->object_begin[object];
+    uint32_t low = first, high = s->object_begin[object + 1];
+    const double at = strata->begin[triangle] + strata->area[triangle] * path_place(u, v);
+    while (high - low > 1) { // the last that begins before it
+        const uint32_t middle = low + (high - low) / 2;
+        if (s->stratum[middle] <= at) low = middle;
+        else high = middle;
+    }
+    return high > first ? low : UINT32_MAX;
 }

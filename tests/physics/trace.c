@@ -221,9 +221,9 @@ static uint32_t triangle_at(const struct prt_mesh *body, const float x[3], float
     return best;
 }
 
-// Contract of prt_surface_stratum: strata have equal areas, and most samples lie in their own,
-// the others in one beside it.
-static void strata_are_equal(void **state)
+// Contract of prt_surface_stratum: every sample lies in its own stratum, whose area is that of
+// the piece of the sampler's path up to the next one; few have more than two of the mean.
+static void samples_lie_in_their_strata(void **state)
 {
     enum { SAMPLES = 500, POINTS = 400 };
     struct model m;
@@ -231,14 +231,15 @@ static void strata_are_equal(void **state)
     struct prt_surface_strata *strata;
     struct prt_rng rng;
     static uint32_t count[2 * SAMPLES];
-    double square = 0, own = 0;
+    double square = 0, own = 0, large = 0;
     model_init(&m, 4 * 6, 2 * 6);
     add_box(&m, (float[3]){0, 0, 0}, (float[3]){5, 5, 5}, 1);
     struct prt_mesh *box = body_mesh(&context, &m, true);
     assert_int_equal(prt_surface_create(&context, box, SAMPLES, 1, 3, &surface), PRT_OK);
     assert_int_equal(prt_surface_strata_create(&context, box, surface, &strata), PRT_OK);
     const uint32_t n = surface->n_sample;
-    assert_in_range(n, SAMPLES - 1, SAMPLES + 1);
+    const double area = prt_surface_area(box);
+    expect_near("samples over those that were asked for", (double)n / SAMPLES, 1, 0.02);
     prt_rng_init(&rng, 21, 0);
     for (uint32_t i = 0; i < n * POINTS; i++) { // all triangles have the same area
         float u = prt_rng_f32(&rng), v = prt_rng_f32(&rng);
@@ -250,16 +251,58 @@ static void strata_are_equal(void **state)
     for (uint32_t i = 0; i < n; i++) {
         float u = 0, v = 0;
         const uint32_t t = triangle_at(box, surface->position[i], &u, &v);
-        const uint32_t at = prt_surface_stratum(strata, t, u, v);
-        square += pow((double)count[i] / POINTS - 1, 2) / n;
-        own += (double)(at == i) / n;
-        assert_true(at + 1 >= i && at <= i + 1);
+        const double end = i + 1 < n ? surface->stratum[i + 1] : area;
+        const double share = n * (end - surface->stratum[i]) / area;
+        square += pow((double)count[i] / POINTS - share, 2) / n;
+        own += (double)(prt_surface_stratum(strata, t, u, v) == i) / n;
+        large += (double)(share > 2) / n;
     }
-    expect_below("areas of strata off their mean, RMS", sqrt(square), 0.08); // 0.05 by chance
-    expect_above("samples in their own strata", own, 0.7);
+    expect_below("areas of strata off the path's, RMS", sqrt(square), 0.08); // 0.05 by chance
+    expect_above("samples in their own strata", own, 0.999);
+    expect_below("strata above twice the mean", large, 0.04);
     prt_surface_strata_destroy(strata);
     prt_surface_destroy(surface);
     prt_mesh_destroy(box);
+}
+
+// The samples of `few` that `many` has not.
+static double missing_samples(const struct prt_surface_points *few,
+                              const struct prt_surface_points *many)
+{
+    double missing = 0;
+    for (uint32_t i = 0; i < few->n_sample; i++) {
+        bool found = false;
+        for (uint32_t k = 0; k < many->n_sample && !found; k++)
+            found = few->triangle[i] == many->triangle[k] &&
+                    !memcmp(few->inside[i], many->inside[k], sizeof few->inside[i]);
+        missing += (double)!found / few->n_sample;
+    }
+    return missing;
+}
+
+// Law: samples stay where they are (METHODS §3.1). Those of a smaller number are among those of
+// a larger one; at another scale all are the same; where a vertex is moved, those far from it.
+static void samples_stay(void **state)
+{
+    enum { N = 3000 };
+    struct model m;
+    struct prt_surface_points *s[4];
+    model_init(&m, 40 * 21, 40 * 20 * 2);
+    add_ball(&m, 40, 20, 20, fluted_ball);
+    struct prt_mesh *ball = body_mesh(&context, &m, true);
+    assert_int_equal(prt_surface_create(&context, ball, N, 1, 3, &s[0]), PRT_OK);
+    assert_int_equal(prt_surface_create(&context, ball, N * 17 / 10, 1, 3, &s[1]), PRT_OK);
+    for (uint32_t v = 0; v < ball->n_vertex; v++)
+        for (int k = 0; k < 3; k++) ball->position[v][k] *= 1.7f;
+    assert_int_equal(prt_surface_create(&context, ball, N, 1, 3, &s[2]), PRT_OK);
+    for (int k = 0; k < 3; k++) ball->model[210][k] *= 1.1f;
+    assert_int_equal(prt_surface_create(&context, ball, N, 1, 3, &s[3]), PRT_OK);
+    expect_below("samples that a larger number has not", missing_samples(s[0], s[1]), 1e-9);
+    expect_below("samples that another scale has not", missing_samples(s[0], s[2]), 1e-9);
+    expect_below("samples that move with a vertex", missing_samples(s[0], s[3]), 0.1);
+    expect_above("samples that move with a vertex", missing_samples(s[0], s[3]), 1e-4);
+    for (int i = 0; i < 4; i++) prt_surface_destroy(s[i]);
+    prt_mesh_destroy(ball);
 }
 
 // Law: cells end at the edges of a box, as the sheets do (METHODS §3.1): those of a face's
@@ -349,7 +392,8 @@ int main(void)
         cmocka_unit_test(packets_meet_what_a_search_finds),
         cmocka_unit_test(one_ray_meets_the_same),
         cmocka_unit_test(epsilon_is_small),
-        cmocka_unit_test(strata_are_equal),
+        cmocka_unit_test(samples_lie_in_their_strata),
+        cmocka_unit_test(samples_stay),
         cmocka_unit_test(cells_stay_on_their_face),
         cmocka_unit_test(a_roof_hides_the_sky),
     };

@@ -83,6 +83,8 @@ struct prt_mesh {
     uint32_t n_vertex, n_triangle, n_block, n_object, n_surface;
     uint32_t n_weld;         /* distinct (object, position) pairs */
     float (*position)[3];    /* [n_vertex] mm (model units before prt_mesh_scale) */
+    float (*model)[3];       /* [n_vertex] before prt_mesh_scale, in model units; NULL: not
+                                scaled, or of a .prt */
     float (*normal)[3];      /* [n_vertex] unit; angle-weighted where the file has none */
     float (*uv)[2];          /* [n_vertex] TEXCOORD_0, or NULL */
     uint32_t (*triangle)[3]; /* [n_triangle] global vertex indices */
@@ -216,6 +218,12 @@ double prt_mesh_diagonal(const struct prt_mesh *mesh);
  * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
 int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
                    double mm_per_unit);
+/* Positions in the model's own units, which another scale leaves as they are; in mm where they
+ * are not known. */
+static inline const float (*prt_mesh_model_positions(const struct prt_mesh *mesh))[3]
+{
+    return (const float(*)[3])(mesh->model ? mesh->model : mesh->position);
+}
 /* Divides objects: blocks of one object with different numbers part[n_block] become objects of
  * their own with the same name, welded apart. Objects are numbered anew, by their first block.
  * Changes nothing where all blocks of each object have one number. PRT_NOMEM. */

@@ -18,6 +18,7 @@ extern "C" {
  * read it. */
 struct prt_surface_points {
     uint32_t n_sample, n_fine, n_object;
+    uint32_t n_wanted;       /* samples that were asked for */
     float (*position)[3];    /* [n_sample] mm */
     float (*normal)[3];      /* [n_sample] interpolated vertex normals, unit */
     float (*face_normal)[3]; /* [n_sample] unit */
@@ -27,6 +28,10 @@ struct prt_surface_points {
     float (*centre)[3];      /* [n_sample] mm, mean of the cell: its place in the far field */
     float *spread;           /* [n_sample] mm, the cell's standard deviation along an axis */
     uint32_t *object;        /* [n_sample] */
+    uint32_t *triangle;      /* [n_sample] the triangle it lies on, */
+    float (*inside)[2];      /* [n_sample] at these barycentric u, v */
+    double *stratum;         /* [n_sample] where its stratum begins on the sampler's path over
+                                the object, in areas of model units */
     uint32_t *object_begin;  /* [n_object+1] first sample of each object */
     float spacing;           /* sqrt(area / n) of the coarsest object [mm] */
     float (*fine)[3];        /* [n_fine] mm, quadrature points */
@@ -75,9 +80,9 @@ void prt_surface_kernel(const struct prt_surface_points *surface,
                         const struct prt_diffusion d[3], unsigned cpu, const float x[3],
                         uint32_t sample, float near_mm, float out[3]);
 
-/* From points of the translucent surface to samples. The samples divide each object into strata
- * of equal area, one a sample; a stratum is the surface that lies between two samples' limits
- * on the path that the sampler takes. */
+/* From points of the translucent surface to samples. The samples divide each object into
+ * strata, one a sample: pieces of the path that the sampler takes over the surface, of two
+ * areas, one twice the other, or what remains of a block. */
 struct prt_surface_strata;
 /* `surface` must be a result of prt_surface_create for this mesh, and outlive the strata.
  * PRT_NOMEM. *out is written on PRT_OK only; the caller ends it with prt_surface_strata_destroy

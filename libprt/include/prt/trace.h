@@ -29,6 +29,13 @@ const struct prt_mesh *prt_scene_mesh(const struct prt_scene *scene);
 /* The distance by which a ray's start is moved off its own surface [mm]: 1e-4 of the mean edge
  * or 1e-6 of the box's diagonal, whichever is larger. */
 float prt_scene_epsilon(const struct prt_scene *scene);
+/* The mesh with positions in the model's own units (prt_mesh_model_positions), which the BVH is
+ * of: rays there meet the same at every scale. Owned by the scene. */
+const struct prt_mesh *prt_scene_model(const struct prt_scene *scene);
+/* The distance off the surface in these units, a power of two that small changes of the mesh
+ * leave as it is; and a mm in these units. */
+float prt_scene_model_epsilon(const struct prt_scene *scene);
+float prt_scene_model_units(const struct prt_scene *scene);
 /* To be called once by every thread that traces: flush-to-zero and denormals-are-zero. */
 void prt_trace_thread_init(void);
 
@@ -53,6 +60,9 @@ struct prt_packet {
 /* Bit i set: ray i of the mask is blocked between tnear and tfar. */
 uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_packet *packet,
                               uint32_t mask);
+/* The same for a packet in the model's units. */
+uint32_t prt_scene_model_occluded16(const struct prt_scene *scene,
+                                    const struct prt_packet *packet, uint32_t mask);
 /* The nearest hits of the rays of the mask. coherent: the rays have a common origin and similar
  * directions (a hint to Embree; the results are the same). */
 void prt_scene_intersect16(const struct prt_scene *scene, struct prt_packet *packet,
