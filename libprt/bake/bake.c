@@ -3,7 +3,7 @@
 #include "bake/checkpoint.h"
 #include "bake/draft_walks.h"
 #include "bake/measure.h"
-#include "bake/row_lanes.h"
+#include "bake/row_store.h"
 #include "bake/run.h"
 #include "bake/shard.h"
 #include "bake/spill.h"
@@ -147,8 +147,8 @@ static double shortest_path(const struct bake *b)
 
 // One sample a squared mean free path, within the limits above. A fixed medium whose path is
 // long takes three or more: of the bunny in marble (50 mm) 90,000 in place of 150,000 err by
-// 0.18, 0.28 and 0.71 % in place of 0.17, 0.26 and 0.71. Media with the same number share the
-// rays of pass 1 (ray_store.c).
+// 0.18, 0.28 and 0.71 % in place of 0.17, 0.26 and 0.71. Samples of a smaller number are
+// among those of a larger one, and their rays are shared (row_store.c).
 uint32_t prt_bake_sample_count(const struct bake *b)
 {
     if (b->o.n_sample) return b->o.n_sample;
@@ -363,13 +363,13 @@ void prt_bake_unplan_single(struct bake *b)
 int prt_bake_irradiance(struct bake *b)
 {
     if (!b->surface || prt_shard_assembling(b) || prt_checkpoint_skips_rows(b)) return PRT_OK;
-    struct ray_store *store = prt_row_lanes_open(b);
     struct prt_eta_nodes nodes;
     const bool any_eta = prt_bake_eta_nodes(b, PRT_FAMILY_DIPOLE, &nodes);
     if (!b->horizon &&
         prt_irradiance_horizon_pays(b->directions, b->scene, b->surface->n_sample))
         (void)prt_horizon_create( // without memory every ray is cast
             b->scene, prt_horizon_more(b->mesh->n_vertex, b->surface->n_sample), &b->horizon);
+    struct row_store *store = prt_row_store_open(b);
     struct irradiance_source from = {.scene = b->scene,
                                      .surface = b->surface,
                                      .hierarchy = b->hierarchy,
@@ -381,8 +381,8 @@ int prt_bake_irradiance(struct bake *b)
                                      .media = &b->o.media,
                                      .nodes = any_eta ? &nodes : NULL,
                                      .room = prt_bake_rows_room(&b->o)};
-    int status = prt_irradiance_bake(b->ctx, &from, &b->irradiance, &b->rays_irradiance);
-    prt_ray_store_close(store);
+    int status = prt_irradiance_bake(b->ctx, &from, &b->irradiance);
+    prt_row_store_close(store);
     if (b->o.no_single) {
         prt_horizon_destroy(b->horizon);
         b->horizon = NULL;

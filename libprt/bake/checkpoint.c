@@ -253,7 +253,7 @@ static uint32_t reading_slots(const struct bake *b)
 static void end_rows(struct bake *b)
 {
     struct checkpoint *k = b->checkpoint;
-    struct record r = {.slot = SLOT_ROWS_DONE, .rays = b->rays_irradiance};
+    struct record r = {.slot = SLOT_ROWS_DONE};
     if (!find(k, SLOT_ROWS_DONE, 0) && !atomic_load(&k->stopped)) {
         if (fdatasync(k->fd)) return;
         prt_record_sign(&r, NULL, 0);
@@ -296,7 +296,6 @@ bool prt_checkpoint_skips_rows(struct bake *b)
     struct checkpoint *k = b->checkpoint;
     const struct place *done = k ? find(k, SLOT_ROWS_DONE, 0) : NULL;
     if (!done) return false;
-    b->rays_irradiance = done->record.rays;
     return k->rows_skipped = true;
 }
 
@@ -306,22 +305,21 @@ static struct view rows_view(const struct half_rows *rows, size_t begin, size_t 
 }
 
 bool prt_checkpoint_read_rows(const struct checkpoint *k, const struct half_rows *rows,
-                              size_t begin, size_t n, uint64_t *rays)
+                              size_t begin, size_t n)
 {
     const struct place *p = k ? find(k, SLOT_ROWS, (uint32_t)begin) : NULL;
     struct view view = rows_view(rows, begin, n);
     if (!p || k->rows_fd < 0 || p->record.bytes != view.bytes ||
         !prt_record_read(&p->record, k->rows_fd, begin * rows->n_coef * 2, &view, 1))
         return false;
-    *rays = p->record.rays;
     return true;
 }
 
 void prt_checkpoint_write_rows(struct checkpoint *k, const struct half_rows *rows, size_t begin,
-                               size_t n, uint64_t rays)
+                               size_t n)
 {
     struct view view = rows_view(rows, begin, n);
-    struct record r = {.slot = SLOT_ROWS, .cluster = (uint32_t)begin, .rays = rays};
+    struct record r = {.slot = SLOT_ROWS, .cluster = (uint32_t)begin};
     if (!k || k->rows_fd < 0 || atomic_load(&k->stopped)) return;
     pthread_mutex_lock(&k->lock);
     bool fits = k->end + k->rows_bytes + view.bytes <= k->room;

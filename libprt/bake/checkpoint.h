@@ -21,16 +21,15 @@ void prt_checkpoint_close(struct bake *b, bool written);
 int prt_checkpoint_for(struct bake *b, const char *stage, uint32_t first, uint32_t step,
                        prt_loop_fn range, void *arg, const struct slot *slot);
 
-/* Whether the checkpoint has all clusters of slot 0: rows of pass 1 are not needed. Sets
- * b->rays_irradiance then. */
+/* Whether the checkpoint has all clusters of slot 0: rows of pass 1 are not needed. */
 bool prt_checkpoint_skips_rows(struct bake *b);
 
 /* Rows [begin, begin + n) of pass 1, one piece. read: false unless the checkpoint has them.
  * Thread-safe. checkpoint may be NULL. */
 bool prt_checkpoint_read_rows(const struct checkpoint *checkpoint, const struct half_rows *rows,
-                              size_t begin, size_t n, uint64_t *rays);
+                              size_t begin, size_t n);
 void prt_checkpoint_write_rows(struct checkpoint *checkpoint, const struct half_rows *rows,
-                               size_t begin, size_t n, uint64_t rays);
+                               size_t begin, size_t n);
 
 /* One array that stands for the whole of pass 1 (polynomial transport). */
 bool prt_checkpoint_read_array(const struct checkpoint *checkpoint, void *at, size_t bytes);

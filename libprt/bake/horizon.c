@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Conservative visibility per place and direction bin: visible, blocked, or unknown (needs a
-// ray). A bin is certain only when all eight neighbours agree with it. Most light leaves a body
-// where nothing else is near, and needs no shadow ray there, nor deep in a fold.
+// ray), in the model's units. A bin is certain only when all eight neighbours agree with it.
+// Most light leaves a body where nothing else is near, and needs no shadow ray there, nor deep
+// in a fold.
 #include "bake/horizon_places.h"
 #include "bake/stages.h"
 
@@ -85,7 +86,7 @@ uint32_t prt_horizon_more(uint32_t n_vertex, uint32_t n_sample)
 
 int prt_horizon_create(const struct prt_scene *scene, uint32_t most_more, struct horizon **out)
 {
-    const struct prt_mesh *mesh = prt_scene_mesh(scene);
+    const struct prt_mesh *mesh = prt_scene_model(scene);
     struct horizon *h = calloc(1, sizeof *h);
     if (!h) return PRT_NOMEM;
     h->scene = scene;
@@ -141,7 +142,7 @@ static void cast_centres(const struct horizon *h, const struct bins *bins, uint3
     const float *p, *n;
     prt_horizon_place(&h->places, place, &p, &n);
     const unsigned wide = bins->wide;
-    float eps = prt_scene_epsilon(h->scene);
+    float eps = prt_scene_model_epsilon(h->scene);
     uint16_t bin[16];
     struct prt_packet packet;
     uint32_t fill = 0;
@@ -165,7 +166,7 @@ static void cast_centres(const struct horizon *h, const struct bins *bins, uint3
         }
         if (!fill || (fill < 16 && b < bins->n)) continue;
         uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
-        uint32_t lanes = prt_scene_occluded16(h->scene, &packet, mask);
+        uint32_t lanes = prt_scene_model_occluded16(h->scene, &packet, mask);
         for (uint32_t i = 0; i < fill; i++)
             add(lanes >> i & 1 ? out->hit : out->open, bin[i], 1);
         fill = 0;
@@ -258,6 +259,20 @@ void prt_horizon_prefetch(const struct horizon *h, uint32_t triangle, uint32_t b
     if (h->words != FINE_PAIRS) bin = h->parent[bin];
     for (int k = 0; k < 3; k++)
         __builtin_prefetch((const void *)&h->certain[(size_t)corner[k] * h->words + bin / 32]);
+}
+
+unsigned prt_horizon_around(const struct horizon *h, uint32_t triangle, float u, float v,
+                            struct horizon_corner out[3])
+{
+    uint32_t corner[3];
+    if (!prt_horizon_places_around(&h->places, triangle, u, v, corner)) return 0;
+    for (int k = 0; k < 3; k++) {
+        const float *p, *n;
+        prt_horizon_place(&h->places, corner[k], &p, &n);
+        memcpy(out[k].position, p, sizeof out[k].position);
+        memcpy(out[k].normal, n, sizeof out[k].normal);
+    }
+    return h->words;
 }
 
 // Coarse bins as fine ones.

@@ -4,12 +4,12 @@
 // 250,000 samples).
 #include "bake/checkpoint.h"
 #include "bake/loops.h"
-#include "bake/row_lanes.h"
+#include "bake/row_store.h"
 #include "bake/run.h"
 #include "bake/work.h"
+#include "trace/triangle.h"
 
 #include <math.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,16 +36,20 @@ struct unsure {
     float value[4][16];
     uint32_t mask[4], n;
     const uint32_t *texel[4];
+    unsigned turn[4]; // chooses the ray of each texel that is cast first
     uint16_t *open[4];
     uint64_t rays;
 };
 
-static void set_origin(struct prt_packet *p, const float origin[3], const float f[3], float eps)
+static void set_origin(struct prt_packet *p, const struct prt_scene *scene,
+                       const struct receiver *at)
 {
+    const float unit = at->model_units ? 1 : prt_scene_model_units(scene);
+    const float eps = prt_scene_model_epsilon(scene);
     for (int i = 0; i < 16; i++) {
-        p->ox[i] = origin[0] + eps * f[0];
-        p->oy[i] = origin[1] + eps * f[1];
-        p->oz[i] = origin[2] + eps * f[2];
+        p->ox[i] = unit * at->origin[0] + eps * at->face_normal[0];
+        p->oy[i] = unit * at->origin[1] + eps * at->face_normal[1];
+        p->oz[i] = unit * at->origin[2] + eps * at->face_normal[2];
         p->tnear[i] = 0;
         p->tfar[i] = INFINITY;
     }
@@ -79,13 +83,14 @@ static bool faint(const struct directions *d, const float share[16])
 }
 
 // Casts one ray of each texel of the four packets, as one packet. Where the four rays of a
-// packet agree they stand for all; where they disagree the rest of its rays are cast.
-static void resolve(struct unsure *u, unsigned turn, float *out)
+// packet agree they stand for all; where they disagree the rest of its rays are cast. Nothing
+// depends on the packets that are resolved together.
+static void resolve(struct unsure *u, float *out)
 {
     uint32_t lanes = 0, probed[4] = {0};
     uint8_t from[16] = {0};
     for (uint32_t i = 0; i < 4 * u->n; i++) {
-        uint32_t four = u->mask[i / 4] >> (i % 4 * 4) & 15, sub = (turn + i + i / 4) & 3;
+        uint32_t four = u->mask[i / 4] >> (i % 4 * 4) & 15, sub = (u->turn[i / 4] + i) & 3;
         if (!four) continue;
         while (!(four >> sub & 1)) sub = (sub + 1) & 3;
         from[i] = (uint8_t)(i % 4 * 4 + sub);
@@ -97,7 +102,7 @@ static void resolve(struct unsure *u, unsigned turn, float *out)
         u->probe.dx[i] = p->dx[from[i]], u->probe.dy[i] = p->dy[from[i]];
         u->probe.dz[i] = p->dz[from[i]];
     }
-    uint32_t blocked = lanes ? prt_scene_occluded16(u->scene, &u->probe, lanes) : 0;
+    uint32_t blocked = lanes ? prt_scene_model_occluded16(u->scene, &u->probe, lanes) : 0;
     u->rays += (unsigned)__builtin_popcount(lanes);
     for (uint32_t k = 0; k < u->n; k++) {
         uint32_t here = lanes >> (4 * k) & 15, hit = blocked >> (4 * k) & 15, open = 0;
@@ -105,7 +110,7 @@ static void resolve(struct unsure *u, unsigned turn, float *out)
         if (!hit) {
             open = u->mask[k];
         } else if (hit != here) {
-            if (rest) open = rest & ~prt_scene_occluded16(u->scene, &u->packet[k], rest);
+            if (rest) open = rest & ~prt_scene_model_occluded16(u->scene, &u->packet[k], rest);
             for (uint32_t i = 0; i < 4; i++)
                 if ((here & ~hit) >> i & 1) open |= 1u << from[4 * k + i];
             u->rays += (unsigned)__builtin_popcount(rest);
@@ -124,31 +129,33 @@ static void trace_packet(struct unsure *u, const struct directions *d, unsigned 
 {
     const uint32_t *texel = d->texel + (size_t)k * 4;
     if (all || !faint(d, share)) {
-        uint32_t clear = mask & ~prt_scene_occluded16(u->scene, &u->packet[u->n], mask);
+        uint32_t clear = mask & ~prt_scene_model_occluded16(u->scene, &u->packet[u->n], mask);
         *open = clear == mask ? 0xffff : (uint16_t)clear; // other lanes carry no light
         u->rays += (unsigned)__builtin_popcount(mask);
         write_texels(texel, u->value[u->n], clear, out);
         return;
     }
     u->mask[u->n] = mask;
+    u->turn[u->n] = turn + k;
     u->texel[u->n] = texel;
     u->open[u->n] = open;
-    if (++u->n == 4) resolve(u, turn + k, out);
+    if (++u->n == 4) resolve(u, out);
 }
 
 uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct directions *d,
                               unsigned pattern, const struct fresnel_table *fresnel,
                               const struct receiver *at, const struct horizon_view *view,
-                              bool known, uint16_t *open, float *out)
+                              const uint64_t *fresh, uint16_t *open, float *out)
 {
     struct unsure u = {.scene = scene};
     const struct bake_loops *loops = prt_bake_loops(d->cpu);
-    float eps = prt_scene_epsilon(scene), share[16];
+    float share[16];
     size_t base = (size_t)(pattern % d->n_pattern) * d->n_packet * 16;
-    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], at->origin, at->face_normal, eps);
-    set_origin(&u.probe, at->origin, at->face_normal, eps);
+    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], scene, at);
+    set_origin(&u.probe, scene, at);
     for (uint32_t k = 0; k < d->n_packet; k++) {
         const uint32_t *texel = d->texel + (size_t)k * 4;
+        const bool known = fresh && !(fresh[k / 64] >> k % 64 & 1);
         int certain = view && !known ? visibility(d, texel, view) : 0;
         bool dark =
             certain < 0 || (known && !open[k]) || below(d, base + (size_t)k * 16, at->normal);
@@ -167,7 +174,7 @@ uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct direct
             trace_packet(&u, d, pattern, mask, all, share, k, &open[k], out);
         }
     }
-    resolve(&u, pattern, out);
+    resolve(&u, out);
     return u.rays;
 }
 
@@ -177,7 +184,7 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
                             float *out)
 {
     uint16_t open[MAX_PACKETS];
-    return prt_irradiance_lanes(scene, d, pattern, fresnel, at, view, false, open, out);
+    return prt_irradiance_lanes(scene, d, pattern, fresnel, at, view, NULL, open, out);
 }
 
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_texel,
@@ -231,23 +238,31 @@ struct pass_one {
     struct irradiance_source from;
     struct fresnel_table *fresnel; // [media->n], or of the nodes of eta
     struct half_rows *rows;
-    atomic_uint_fast64_t rays;
 };
 
-// The horizon of the triangle of sample s. False where there is none.
-static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view *view)
+// Where sample s lies in the model's own units, and the corners of its horizon.
+static void place_row(const struct pass_one *p, uint32_t s, struct row_place *out)
 {
-    float eps = prt_scene_epsilon(p->from.scene), from[3], down[3], t, u, v;
-    uint32_t triangle;
+    const struct prt_surface_points *of = p->from.surface;
+    const struct prt_mesh *model = prt_scene_model(p->from.scene);
+    const uint32_t t = of->triangle[s], *v = model->triangle[t];
+    const float *inside = of->inside[s];
+    const double u = (double)inside[0], w = (double)inside[1];
+    double cross[3], length = 0;
+    memset(out, 0, sizeof *out);
+    triangle_cross(model, t, cross);
+    for (int k = 0; k < 3; k++) length += cross[k] * cross[k];
     for (int k = 0; k < 3; k++) {
-        from[k] = p->from.surface->position[s][k] + eps * p->from.surface->face_normal[s][k];
-        down[k] = -p->from.surface->face_normal[s][k];
+        out->position[k] = (float)((1 - u - w) * (double)model->position[v[0]][k] +
+                                   u * (double)model->position[v[1]][k] +
+                                   w * (double)model->position[v[2]][k]);
+        out->face_normal[k] = length > 0 ? (float)(cross[k] / sqrt(length)) : 0;
+        out->normal[k] = of->normal[s][k];
     }
-    if (!p->from.horizon ||
-        !prt_scene_intersect(p->from.scene, from, down, 0, 2 * eps, &t, &triangle, &u, &v))
-        return false;
-    prt_horizon_view(p->from.horizon, triangle, u, v, view);
-    return true;
+    out->epsilon = prt_scene_model_epsilon(p->from.scene);
+    out->pattern = (uint32_t)(prt_hash64(out->position, sizeof out->position, 7) >> 32);
+    if (p->from.horizon)
+        out->words = prt_horizon_around(p->from.horizon, t, inside[0], inside[1], out->corner);
 }
 
 // Layer 1 of a row from all its texels: their means over 2 x 2.
@@ -260,69 +275,88 @@ static void halve(const struct directions *d, const float *from, float *out)
     }
 }
 
-// The row of sample s with its open directions, which are `known` or are written: the layers
-// have the same rays. Returns the rays cast. row: [n_coef] and room for [n_texel].
-static uint64_t sample_row(const struct pass_one *p, uint32_t s,
-                           const struct horizon_view *view, bool known, uint16_t *open,
-                           float *row)
+// The row of sample s with its open directions, of which those of `fresh` packets are found:
+// the layers have the same rays. Returns the rays cast. row: [n_coef] and room for [n_texel].
+static uint64_t sample_row(const struct pass_one *p, uint32_t s, const struct row_place *place,
+                           const uint64_t *fresh, uint16_t *open, float *row)
 {
+    static const uint64_t none[(MAX_PACKETS + 63) / 64];
     const struct prt_surface_points *of = p->from.surface;
-    const struct receiver at = {of->position[s], of->normal[s], of->face_normal[s]};
+    const struct receiver at = {place->position, place->normal, place->face_normal, true};
     const uint32_t medium = prt_media_index(p->from.media, of->object[s]);
-    const unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
     const struct directions *d = p->from.directions;
     float *room = row + p->rows->n_coef;
-    const uint64_t cast =
-        prt_irradiance_lanes(p->from.scene, d, pattern, &p->fresnel[p->from.nodes ? 0 : medium],
-                             &at, view, known, open, row);
+    struct horizon_view view;
+    bool any = !fresh;
+    for (uint32_t k = 0; !any && k < (d->n_packet + 63) / 64; k++) any = fresh[k] != 0;
+    const bool viewed = any && place->words;
+    if (viewed)
+        prt_horizon_view(p->from.horizon, of->triangle[s], of->inside[s][0], of->inside[s][1],
+                         &view);
+    const uint64_t cast = prt_irradiance_lanes(p->from.scene, d, place->pattern,
+                                               &p->fresnel[p->from.nodes ? 0 : medium], &at,
+                                               viewed ? &view : NULL, fresh, open, row);
     if (p->rows->n_layer > 1) {
-        (void)prt_irradiance_lanes(p->from.scene, d, pattern, &p->fresnel[1], &at, view, true,
-                                   open, room);
+        (void)prt_irradiance_lanes(p->from.scene, d, place->pattern, &p->fresnel[1], &at, NULL,
+                                   none, open, room);
         halve(d, room, row + p->rows->n_texel);
     }
     for (size_t k = 0; of->tint && k < p->rows->n_coef; k++) row[k] *= of->tint[s];
     return cast;
 }
 
+// What a worker writes a piece of rows with.
+struct piece_room {
+    struct row_place *place; // [n]
+    uint64_t *fresh;         // [n][words]
+    uint16_t *open;          // [n][n_packet]
+    float *row;
+};
+
+static int piece_rows(struct pass_one *p, uint32_t begin, uint32_t n, struct piece_room *room)
+{
+    const struct hierarchy *h = p->from.hierarchy;
+    const size_t n_packet = p->from.directions->n_packet, words = (n_packet + 63) / 64;
+    uint64_t started = prt_work_begin(), cast = 0;
+    bool kept = true;
+    for (uint32_t i = 0; i < n; i++) place_row(p, h->order[begin + i], &room->place[i]);
+    if (p->from.store) {
+        const uint64_t known = prt_row_store_read(p->from.store, begin, n, room->place,
+                                                  room->open, room->fresh, &kept);
+        prt_work_reuse(p->from.work, known, n * n_packet);
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        cast += sample_row(p, h->order[begin + i], &room->place[i],
+                           p->from.store ? room->fresh + i * words : NULL,
+                           room->open + i * n_packet, room->row);
+        prt_f32_to_f16_array(room->row, p->rows->n_coef,
+                             p->rows->half + (begin + i) * p->rows->n_coef);
+    }
+    if (!kept) prt_row_store_write(p->from.store, begin, n, room->place, room->open);
+    prt_work_end(p->from.work, WORK_IRRADIANCE, started, cast, 0);
+    return PRT_OK;
+}
+
 static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct pass_one *p = arg;
-    const uint32_t n_packet = p->from.directions->n_packet;
-    uint64_t rays = 0, cast = 0;
-    if (prt_checkpoint_read_rows(p->from.checkpoint, p->rows, begin, end - begin, &rays)) {
-        atomic_fetch_add(&p->rays, rays);
-        return PRT_OK;
-    }
+    const size_t n = end - begin, n_packet = p->from.directions->n_packet;
+    if (prt_checkpoint_read_rows(p->from.checkpoint, p->rows, begin, n)) return PRT_OK;
     prt_trace_thread_init();
-    uint64_t started = prt_work_begin();
-    float *row = prt_alloc(p->rows->n_coef + p->rows->n_texel, sizeof *row);
-    uint16_t *open = prt_alloc((end - begin) * n_packet, sizeof *open);
-    if (!row || !open) {
-        prt_free(row);
-        prt_free(open);
-        return PRT_NOMEM;
-    }
-    struct horizon_view view;
-    const bool known =
-        prt_row_lanes_read(p->from.store, begin, end - begin, n_packet, open, &rays);
-    for (size_t i = begin; i < end; i++) {
-        uint32_t s = p->from.hierarchy->order[i];
-        bool found = !known && horizon_of(p, s, &view);
-        cast +=
-            sample_row(p, s, found ? &view : NULL, known, open + (i - begin) * n_packet, row);
-        prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
-    }
-    if (!known) {
-        rays = cast;
-        prt_row_lanes_write(p->from.store, begin, end - begin, n_packet, open, rays);
-    }
-    prt_checkpoint_write_rows(p->from.checkpoint, p->rows, begin, end - begin, rays);
-    atomic_fetch_add(&p->rays, rays);
-    prt_free(row);
-    prt_free(open);
+    struct piece_room room = {
+        .place = prt_alloc(n, sizeof *room.place),
+        .fresh = prt_alloc(n * ((n_packet + 63) / 64), sizeof *room.fresh),
+        .open = prt_alloc(n * n_packet, sizeof *room.open),
+        .row = prt_alloc(p->rows->n_coef + p->rows->n_texel, sizeof *room.row)};
+    int status = room.place && room.fresh && room.open && room.row ? PRT_OK : PRT_NOMEM;
+    if (!status) status = piece_rows(p, (uint32_t)begin, (uint32_t)n, &room);
+    if (!status) prt_checkpoint_write_rows(p->from.checkpoint, p->rows, begin, n);
+    prt_free(room.place);
+    prt_free(room.fresh);
+    prt_free(room.open);
+    prt_free(room.row);
     if (begin / 64 % 64 == 0) prt_half_rows_rest(p->rows);
-    prt_work_end(p->from.work, WORK_IRRADIANCE, started, cast, 0);
-    return PRT_OK;
+    return status;
 }
 
 // The area-weighted mean of a node: of its children's rows, or of a leaf's samples.
@@ -393,7 +427,7 @@ static struct fresnel_table *layer_tables(const struct prt_eta_nodes *nodes, flo
 }
 
 int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_source *from,
-                        struct half_rows *out, uint64_t *rays)
+                        struct half_rows *out)
 {
     struct pass_one p = {.from = *from, .rows = out};
     const struct hierarchy *h = from->hierarchy;
@@ -420,7 +454,6 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_s
     prt_free(scratch);
     prt_work_end(from->work, WORK_NODES, started, 0, 0);
     prt_free(p.fresnel);
-    *rays = atomic_load(&p.rays);
     if (status) prt_half_rows_finish(out);
     return status;
 }

@@ -333,7 +333,6 @@ int prt_bake_polynomial(struct bake *b)
     if (status == PRT_OK)
         status = prt_light_rays_create(&light, PATTERNS, SAMPLE_RAYS, b->o.seed + 1, &p.rays);
     if (status == PRT_OK && !prt_shard_assembling(b)) status = irradiance(&p);
-    b->rays_irradiance = (uint64_t)b->surface->n_sample * SAMPLE_RAYS / 2;
     prt_work_end_all(&b->work, WORK_IRRADIANCE, started);
     started = prt_work_begin_all();
     if (status == PRT_OK) status = bake_multiple(&p);

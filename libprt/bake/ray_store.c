@@ -17,7 +17,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static const char magic[8] = "PRTRAYS1"; // the last character: version of the records
+static const char magic[8] = "PRTRAYS2"; // the last character: version of the records
 static const char suffix[] = ".rays";
 enum { MAX_RECORDS = 1 << 22, MAX_RECORD_BYTES = 1 << 30 };
 
@@ -176,20 +176,29 @@ static void scan(struct ray_store *s, uint64_t key)
         s->writes = false;
 }
 
-struct ray_store *prt_ray_store_open(const struct prt_context *ctx, const char *dir,
-                                     const char *kind, uint64_t key, uint64_t budget)
+static struct ray_store *prepare(const struct prt_context *ctx, const char *dir,
+                                 const char *kind, uint64_t key)
 {
     struct ray_store *s = calloc(1, sizeof *s);
     if (!s) return NULL;
     s->ctx = ctx;
-    s->budget = budget;
+    s->fd = -1;
     pthread_mutex_init(&s->lock, NULL);
     int length = snprintf(s->path, sizeof s->path, "%s/%.32s-%016llx%s", dir, kind,
                           (unsigned long long)key, suffix);
     bool fits = length >= 0 && (size_t)length < sizeof s->path;
-    s->name = fits ? strrchr(s->path, '/') + 1 : s->path;
-    if (!fits) errno = ENAMETOOLONG;
-    s->fd = fits && (!mkdir(dir, 0700) || errno == EEXIST)
+    s->name = fits ? strrchr(s->path, '/') + 1 : NULL;
+    return s;
+}
+
+struct ray_store *prt_ray_store_open(const struct prt_context *ctx, const char *dir,
+                                     const char *kind, uint64_t key, uint64_t budget)
+{
+    struct ray_store *s = prepare(ctx, dir, kind, key);
+    if (!s) return NULL;
+    s->budget = budget;
+    if (!s->name) errno = ENAMETOOLONG;
+    s->fd = s->name && (!mkdir(dir, 0700) || errno == EEXIST)
                 ? open(s->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600)
                 : -1;
     if (s->fd < 0) {
@@ -202,6 +211,55 @@ struct ray_store *prt_ray_store_open(const struct prt_context *ctx, const char *
     scan(s, key);
     evict(s, s->end);
     return s;
+}
+
+struct ray_store *prt_ray_store_reopen(const struct prt_context *ctx, const char *dir,
+                                       const char *kind, uint64_t key)
+{
+    struct ray_store *s = prepare(ctx, dir, kind, key);
+    if (!s) return NULL;
+    s->fd = s->name ? open(s->path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW) : -1;
+    if (s->fd < 0) {
+        prt_ray_store_close(s);
+        return NULL;
+    }
+    (void)futimens(s->fd, NULL);
+    scan(s, key);
+    return s;
+}
+
+// The first record of a file.
+static void show_first(int folder, const struct old_file *file, size_t most, ray_store_fn *fn,
+                       void *user)
+{
+    struct header h;
+    struct record r;
+    int fd = openat(folder, file->name, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    if (fd < 0) return;
+    if (prt_read_at(fd, &h, sizeof h, 0) && !memcmp(h.magic, magic, sizeof magic) &&
+        prt_read_at(fd, &r, sizeof r, sizeof h) && prt_record_whole(&r) && r.bytes &&
+        r.bytes <= most) {
+        void *data = prt_alloc(r.bytes, 1);
+        const struct view view = {data, r.bytes};
+        if (data && prt_record_read(&r, fd, sizeof h + sizeof r, &view, 1))
+            fn(user, h.key, r.slot, data, r.bytes);
+        prt_free(data);
+    }
+    close(fd);
+}
+
+void prt_ray_store_each(const char *dir, const char *kind, size_t most, ray_store_fn *fn,
+                        void *user)
+{
+    int folder = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    size_t n = 0, length = strlen(kind);
+    if (folder < 0) return;
+    struct old_file *list = list_files(folder, "", &n);
+    for (size_t i = 0; i < n; i++)
+        if (!strncmp(list[i].name, kind, length) && list[i].name[length] == '-')
+            show_first(folder, &list[i], most, fn, user);
+    free(list);
+    close(folder);
 }
 
 void prt_ray_store_close(struct ray_store *s)
@@ -226,6 +284,11 @@ static const struct place *find(const struct ray_store *s, uint32_t slot, uint32
     }
     const struct place *p = low < s->n_place ? &s->place[low] : NULL;
     return p && p->record.slot == slot && p->record.cluster == id ? p : NULL;
+}
+
+bool prt_ray_store_has(const struct ray_store *s, uint32_t slot, uint32_t id)
+{
+    return s && find(s, slot, id);
 }
 
 void *prt_ray_store_get(struct ray_store *s, uint32_t slot, uint32_t id, size_t *bytes,

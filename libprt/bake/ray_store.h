@@ -21,11 +21,23 @@ struct ray_store;
  * without. The caller ends it with prt_ray_store_close. */
 struct ray_store *prt_ray_store_open(const struct prt_context *ctx, const char *dir,
                                      const char *kind, uint64_t key, uint64_t budget);
+/* An existing file, to be read alone, whether or not another process writes it. NULL: it is not
+ * there. The caller ends it with prt_ray_store_close. */
+struct ray_store *prt_ray_store_reopen(const struct prt_context *ctx, const char *dir,
+                                       const char *kind, uint64_t key);
+/* Calls fn with the first record of each file of a kind, where it is whole and has at most
+ * `most` bytes. */
+typedef void ray_store_fn(void *user, uint64_t key, uint32_t slot, const void *data,
+                          size_t bytes);
+void prt_ray_store_each(const char *dir, const char *kind, size_t most, ray_store_fn *fn,
+                        void *user);
 void prt_ray_store_close(struct ray_store *store);
 /* The data of record (slot, id), to prt_free(): *bytes of them and the ray count that came with
  * them. NULL: the store has none, or not whole. Thread-safe. */
 void *prt_ray_store_get(struct ray_store *store, uint32_t slot, uint32_t id, size_t *bytes,
                         uint64_t *rays);
+/* Whether it had such a record when it was opened; its data may be damaged. Thread-safe. */
+bool prt_ray_store_has(const struct ray_store *store, uint32_t slot, uint32_t id);
 /* Appends a record; does nothing where the store is full or another process writes it.
  * Thread-safe. */
 void prt_ray_store_put(struct ray_store *store, uint32_t slot, uint32_t id, const void *data,

@@ -30,11 +30,11 @@ struct bake {
     struct spill *spill;       // has their rows; NULL: memory has them
     struct sparse_builder *sparse; // of the tensor at hand; NULL: factored storage
     struct prt_transport out;
-    uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]
-    struct shard *shard;                    // one part of several; NULL: the whole bake
-    struct checkpoint *checkpoint;          // NULL: none is kept
-    struct walk_bake *walk;                 // walks.h; NULL: the dipole
-    struct draft_walks *draft_walks;        // draft_walks.h; NULL: the dipole as it is
+    uint64_t *rays_single;           // [n_cluster]
+    struct shard *shard;             // one part of several; NULL: the whole bake
+    struct checkpoint *checkpoint;   // NULL: none is kept
+    struct walk_bake *walk;          // walks.h; NULL: the dipole
+    struct draft_walks *draft_walks; // draft_walks.h; NULL: the dipole as it is
     struct lit_rows *lit; // of multiple scattering, kept for unscattered light; or NULL
     struct work_meters work;
     double started; // prt_time_s()

@@ -70,7 +70,6 @@ char *prt_bake_describe(const struct bake *b)
         add_rounded(json, "walk_leaks", b->walk->leaked);
     }
     add_u64(json, "clusters", b->clusters->n_cluster);
-    add_u64(json, "rays_irradiance", b->rays_irradiance);
     add_u64(json, "rays_single", rays);
     cJSON_AddRawToObject(json, "material", material);
     add_media(json, &b->o.media, b->mesh->n_object);

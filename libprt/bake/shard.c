@@ -149,7 +149,7 @@ int prt_shard_close(struct bake *b, uint32_t *missing)
     *missing = 0;
     if (!s) return PRT_OK;
     if (s->writer) {
-        struct record end = {.slot = s->slot, .cluster = last, .rays = b->rays_irradiance};
+        struct record end = {.slot = s->slot, .cluster = last};
         prt_record_sign(&end, NULL, 0);
         int status = prt_writer_write(s->writer, &end, sizeof end);
         if (status) prt_writer_abandon(s->writer);
@@ -171,8 +171,6 @@ int prt_shard_close(struct bake *b, uint32_t *missing)
         return PRT_OK;
     }
     s->assembling = true, s->done = false, s->slot = 0;
-    for (size_t i = 0; i < s->n_place; i++)
-        if (s->place[i].record.cluster == last) b->rays_irradiance = s->place[i].record.rays;
     return PRT_OK;
 }
 

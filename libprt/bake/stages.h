@@ -59,6 +59,7 @@ static inline float fresnel_table_eval(const struct fresnel_table *table, float 
 struct receiver {
     const float *origin;               /* [3] mm */
     const float *normal, *face_normal; /* [3] unit */
+    bool model_units;                  /* of origin, in place of mm */
 };
 struct horizon_view;
 /* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
@@ -71,12 +72,14 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
                             unsigned pattern, const struct fresnel_table *fresnel,
                             const struct receiver *at, const struct horizon_view *view,
                             float *out);
-/* The same with the directions that see the sky, open [n_packet], a bit a ray: `known` ones are
- * taken and no ray is cast; else they are written. */
+/* The same with the directions that see the sky, open [n_packet], a bit a ray: those of packets
+ * in the set `fresh` are found and written, the others are taken and no ray is cast for them.
+ * fresh [(n_packet + 63) / 64]; NULL: all packets. What is found for a packet does not depend
+ * on the set. */
 uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct directions *d,
                               unsigned pattern, const struct fresnel_table *fresnel,
                               const struct receiver *at, const struct horizon_view *view,
-                              bool known, uint16_t *open, float *out);
+                              const uint64_t *fresh, uint16_t *open, float *out);
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 
@@ -102,7 +105,7 @@ void prt_half_rows_finish(struct half_rows *rows);
 
 struct checkpoint;  /* checkpoint.h */
 struct spill;       /* spill.h */
-struct ray_store;   /* ray_store.h */
+struct row_store;   /* row_store.h */
 struct work_meters; /* work.h */
 
 struct node {
@@ -131,7 +134,7 @@ struct irradiance_source {
     const struct hierarchy *hierarchy;
     const struct directions *directions;
     struct checkpoint *checkpoint;     /* or NULL */
-    struct ray_store *store;           /* of this pass, or NULL */
+    struct row_store *store;           /* of this pass, or NULL */
     struct work_meters *work;          /* or NULL */
     struct horizon *horizon;           /* or NULL: every ray is cast */
     const struct prt_media *media;     /* whose eta each object has */
@@ -141,11 +144,11 @@ struct irradiance_source {
 /* Whether the horizon's rays are few beside the samples' own. */
 bool prt_irradiance_horizon_pays(const struct directions *d, const struct prt_scene *scene,
                                  uint32_t n_sample);
-/* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
- * the number of rays that they take, those of the store among them. Pieces that the checkpoint
- * has are read, others are recorded there. Reports "irradiance" and "hierarchy" as progress. */
+/* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. Pieces that
+ * the checkpoint has are read, others are recorded there. Reports "irradiance" and "hierarchy"
+ * as progress. */
 int prt_irradiance_bake(const struct prt_context *ctx, const struct irradiance_source *from,
-                        struct half_rows *out, uint64_t *rays);
+                        struct half_rows *out);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
  */
@@ -379,6 +382,16 @@ struct horizon_view {
 };
 void prt_horizon_view(struct horizon *horizon, uint32_t triangle, float u, float v,
                       struct horizon_view *view);
+/* The three places that the view at (u, v) of a triangle follows from, in model units. Returns
+ * the words of their bins; 0: the triangle has no view, and out is not written. */
+struct horizon_corner {
+    float position[3], normal[3];
+};
+unsigned prt_horizon_around(const struct horizon *horizon, uint32_t triangle, float u, float v,
+                            struct horizon_corner out[3]);
+/* How far [rad] from the centre of a texel a ray can lie that decides what is certain there:
+ * the fine bin around the texel, one beside it, the coarse bin around that, one beside it. */
+static const float prt_horizon_reach = 0.36f;
 /* How many more places than vertices n_sample samples pay for, beside n_vertex. */
 uint32_t prt_horizon_more(uint32_t n_vertex, uint32_t n_sample);
 

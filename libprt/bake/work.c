@@ -51,6 +51,13 @@ void prt_work_count(struct work_meters *meters, enum bake_work kind, uint64_t ra
     if (meters) add(&meters->kind[kind], 0, rays, flop);
 }
 
+void prt_work_reuse(struct work_meters *meters, uint64_t reused, uint64_t asked)
+{
+    if (!meters) return;
+    atomic_fetch_add_explicit(&meters->reused, reused, memory_order_relaxed);
+    atomic_fetch_add_explicit(&meters->asked, asked, memory_order_relaxed);
+}
+
 void prt_work_end_all(struct work_meters *meters, enum bake_work kind, uint64_t begin)
 {
     add(&meters->kind[kind], clock_ns(CLOCK_PROCESS_CPUTIME_ID) - begin, 0, 0);
@@ -59,6 +66,8 @@ void prt_work_end_all(struct work_meters *meters, enum bake_work kind, uint64_t 
 void prt_work_report(const struct work_meters *meters, struct prt_bake_profile *out)
 {
     memset(out, 0, sizeof *out);
+    out->cached = meters->asked != 0;
+    if (out->cached) out->reused = (double)meters->reused / (double)meters->asked;
     for (int i = 0; i < N_BAKE_WORK; i++) {
         const struct work_meter *m = &meters->kind[i];
         if (!m->cpu_ns) continue;

@@ -40,6 +40,7 @@ struct work_meter {
 /* Counters of one bake. Thread-safe. */
 struct work_meters {
     struct work_meter kind[N_BAKE_WORK];
+    atomic_uint_fast64_t reused, asked; /* packets of pass 1 that a store was asked for */
 };
 
 /* CPU time of the calling thread [ns], the start of a piece of work. */
@@ -51,6 +52,8 @@ void prt_work_end(struct work_meters *meters, enum bake_work kind, uint64_t begi
 /* The same without time: what was done in a piece of work that a caller measures. */
 void prt_work_count(struct work_meters *meters, enum bake_work kind, uint64_t rays,
                     double flop);
+/* Counts packets of pass 1 that a store knew, of those that it was asked for. */
+void prt_work_reuse(struct work_meters *meters, uint64_t reused, uint64_t asked);
 /* CPU time of the whole process [ns], for work that prt_parallel_for spreads, and its end. */
 uint64_t prt_work_begin_all(void);
 void prt_work_end_all(struct work_meters *meters, enum bake_work kind, uint64_t begin);

@@ -180,6 +180,7 @@ static void add_profile(cJSON *root, const struct prt_bake_profile *p)
         if (p->work[i].flop > 0) cJSON_AddNumberToObject(item, "flop", p->work[i].flop);
         cJSON_AddItemToArray(work, item);
     }
+    if (p->cached) cJSON_AddNumberToObject(profile, "irradiance_reused", p->reused);
     cJSON_AddNumberToObject(profile, "threads", p->n_thread);
     cJSON_AddNumberToObject(profile, "machine_rays_s", p->rays_s);
     cJSON_AddNumberToObject(profile, "machine_flop_s", p->flop_s);
@@ -208,6 +209,8 @@ static void print_profile(const struct prt_bake_profile *p)
     }
     printf("%-12s%10.2f%8s%12.1f%12.1f\n", "machine", p->n_thread * p->seconds, "",
            p->rays_s * 1e-6, p->flop_s * 1e-9);
+    if (p->cached)
+        printf("%.2f %% of the directions of irradiance came from --cache\n", 100 * p->reused);
 }
 
 static int report(struct tool *tool, double seconds, const struct prt_bake_profile *profile)

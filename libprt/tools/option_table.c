@@ -189,8 +189,9 @@ const struct option_row option_table[] = {
     {"checkpoint-room", 0, "BYTES", OPTION_WHOLE, AT(checkpoint_room), 1, 1e18, NULL, BAKE,
      "most bytes that the checkpoint takes (default: no bound)"},
     {"cache", 0, "DIR", OPTION_TEXT, AT(cache), 0, 0, NULL, BAKE,
-     "keep results of rays in DIR: another bake of the same model, with any material, casts only "
-     "those that are not there"},
+     "keep results of rays in DIR: another bake of the same model, with any material or scale, or "
+     "of one that was changed in parts, casts only those that are not there or that the change "
+     "can reach; it writes the same bytes as without DIR"},
     {"cache-room", 0, "BYTES", OPTION_WHOLE, AT(cache_room), 1, 1e18, NULL, BAKE,
      "most bytes of DIR; files that were not used for longest are removed beyond it (default 8 GiB)"},
     {"size", 0, "WxH", OPTION_SIZE, AT(width), 1, 4096, NULL, IMAGE,

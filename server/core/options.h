@@ -114,7 +114,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "of the daemon; it counts as --disk. 0: an interrupted bake starts again")                \
     X(BYTES, bake_cache, "bake-cache", "BYTES", "2G",                                           \
       "Disk space for results of rays under --data, from which a bake of the same model with "  \
-      "another material goes on; it does not count as --disk. 0: none are kept")                \
+      "another material or scale, or of one that was changed in parts, goes on; it does not "   \
+      "count as --disk. 0: none are kept")                                                      \
     X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                      \
       "Time limit of one bake; the daemon then stops it. 0: no limit")                          \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                   \

@@ -179,12 +179,11 @@ static void rows_of_nodes_are_means(void **state)
     struct prt_scene *scene;
     struct directions *d;
     struct half_rows rows;
-    uint64_t rays;
     (void)state;
     assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
     assert_int_equal(prt_directions_create(context.cpu, 16, 4, 1, &d), PRT_OK);
     from.scene = scene, from.directions = d;
-    assert_int_equal(prt_irradiance_bake(&context, &from, &rows, &rays), PRT_OK);
+    assert_int_equal(prt_irradiance_bake(&context, &from, &rows), PRT_OK);
     double *mean = malloc(d->n_coef * sizeof *mean);
     assert_non_null(mean);
     for (uint32_t at = 0; at < hierarchy->n_node; at++) {

@@ -10,7 +10,7 @@
 #include <dirent.h>
 #include <string.h>
 
-#include "bake/row_lanes.h"
+#include "bake/row_store.h"
 #include "bake_parts.h"
 #include "bodies.h"
 

@@ -1,6 +1,6 @@
 # Programs of the next version of baker and format: the same, but for the files in which the versions are.
 # Their objects come before the libraries, whose own are then not taken.
-set(next_files libprt/transport/open.c libprt/transport/write.c libprt/bake/checkpoint.c libprt/bake/row_lanes.c)
+set(next_files libprt/transport/open.c libprt/transport/write.c libprt/bake/checkpoint.c libprt/bake/row_store.c)
 list(TRANSFORM next_files PREPEND ${CMAKE_SOURCE_DIR}/)
 set(next_daemon_files core/main.c ops/bake_job.c ops/load_bake.c ops/shared_models.c store/catalogue.c store/models.c)
 list(TRANSFORM next_daemon_files PREPEND ${CMAKE_SOURCE_DIR}/server/)

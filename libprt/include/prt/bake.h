@@ -36,6 +36,8 @@ struct prt_bake_profile {
     uint32_t n_work;
     struct prt_bake_work work[PRT_BAKE_WORK_MAX];
     unsigned n_thread;
+    bool cached;           /* options.cache was used, and pass 1 took from it */
+    double reused;         /* this share of its directions [0,1] */
     double seconds;        /* of the whole bake */
     double rays_s, flop_s; /* what the machine reached in the same run with the bake's threads:
                             * incoherent rays [1/s], products of large matrices [flop/s] */
@@ -94,9 +96,11 @@ struct prt_bake_options {
     const char *checkpoint;
     uint64_t checkpoint_room;
     /* A folder, or NULL. Results of rays that do not depend on the material are kept there, and
-     * a bake of an equal mesh casts only the others, to the same bytes. Files that were not
-     * used for longest are removed beyond cache_room bytes; 0: 8 GiB. A file that is damaged
-     * costs a warning and its rays. */
+     * a bake casts only the others, to the bytes that it writes without the folder: all of
+     * pass 1 of an equal mesh, at any scale; of a mesh that differs in some triangles, those
+     * towards these and those of samples on them; of other numbers of samples, those of samples
+     * that were not there. Files that were not used for longest are removed beyond cache_room
+     * bytes; 0: 8 GiB. A file that is damaged costs a warning and its rays. */
     const char *cache;
     uint64_t cache_room;
     uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them,
