@@ -9,11 +9,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_PARTS = 1 << 20, MOST_DEPTH = 64 };
+enum { MOST_PARTS = 1 << 20, MOST_DEPTH = 64, TILE_WIDE = 16, TILES = 6 * 16 * 16 };
 // A part of a triangle is no wider than this share of both shapes' box: the cone about a wide
-// triangle is much wider than the triangle. A cone that is narrower than `narrow` [rad] is
-// marked whole. Chosen, not measured.
-static const float widest = 1.0f / 64, narrow = 0.1f;
+// triangle is much wider than the triangle. A box whose cone is narrower than `narrow` [rad] is
+// not divided. Chosen, not measured.
+static const float widest = 1.0f / 64, narrow = 0.08f;
 
 struct box {
     float low[3], high[3];
@@ -26,6 +26,7 @@ struct shape_change {
     const struct directions *directions;
     float *x, *y, *z; // [n_packet] directions of the packets' centres
     float half;       // from there to its farthest ray [rad]
+    uint64_t *around; // [TILES][words] packets about a narrow cone whose axis is in the tile
     struct change_node *node;
     uint32_t n_node, n_part, capacity;
     struct box *part;
@@ -213,6 +214,64 @@ static int list_packets(struct shape_change *c)
     return PRT_OK;
 }
 
+static size_t words_of(const struct shape_change *c)
+{
+    return ((size_t)c->directions->n_packet + 63) / 64;
+}
+
+// Packets at most `angle` from a unit direction.
+static void mark_cone(const struct shape_change *c, const float w[3], float angle,
+                      uint64_t *fresh)
+{
+    const uint32_t n = c->directions->n_packet;
+    const float least = cosf(fminf(angle, (float)M_PI));
+    for (uint32_t first = 0; first < n; first += 64) {
+        uint8_t in[64];
+        const uint32_t m = n - first < 64 ? n - first : 64;
+        for (uint32_t i = 0; i < m; i++)
+            in[i] = w[0] * c->x[first + i] + w[1] * c->y[first + i] + w[2] * c->z[first + i] >=
+                    least;
+        for (uint32_t i = 0; i < m; i++) fresh[first / 64] |= (uint64_t)in[i] << i;
+    }
+}
+
+static float margin_of(const struct shape_change *c)
+{
+    return prt_horizon_reach + c->half;
+}
+
+static int list_tiles(struct shape_change *c)
+{
+    const float tile = sqrtf(2) / TILE_WIDE; // from its centre to its corner
+    c->around = prt_calloc(TILES * words_of(c), sizeof *c->around);
+    if (!c->around) return PRT_NOMEM;
+    for (unsigned t = 0; t < TILES; t++) {
+        const unsigned in = t % (TILE_WIDE * TILE_WIDE);
+        float w[3];
+        prt_cube_direction(t / (TILE_WIDE * TILE_WIDE),
+                           (2.0 * (in % TILE_WIDE) + 1) / TILE_WIDE - 1,
+                           (2.0 * (in / TILE_WIDE) + 1) / TILE_WIDE - 1, w);
+        mark_cone(c, w, margin_of(c) + tile + narrow, c->around + t * words_of(c));
+    }
+    return PRT_OK;
+}
+
+static unsigned tile_of(const float w[3])
+{
+    float s, t;
+    unsigned face;
+    prt_cube_lookup(w, &face, &s, &t);
+    const int x = (int)((s + 1) * 0.5f * TILE_WIDE), y = (int)((t + 1) * 0.5f * TILE_WIDE);
+    const int last = TILE_WIDE - 1;
+    return (face * TILE_WIDE + (unsigned)(y < 0      ? 0
+                                          : y > last ? last
+                                                     : y)) *
+               TILE_WIDE +
+           (unsigned)(x < 0      ? 0
+                      : x > last ? last
+                                 : x);
+}
+
 static float widest_part(const struct shape *a, const struct shape *b)
 {
     struct box all = nothing;
@@ -232,6 +291,7 @@ int prt_shape_change_create(const struct shape *before, const struct shape *now,
     c->fine = widest_part(before, now);
     int status = add_difference(c, before, now);
     if (!status) status = list_packets(c);
+    if (!status) status = list_tiles(c);
     c->node = status ? NULL : prt_alloc(2ull * c->n_part + 1, sizeof *c->node);
     if (!c->node) status = PRT_NOMEM;
     if (!status && c->n_part) (void)build(c, 0, c->n_part);
@@ -249,6 +309,7 @@ void prt_shape_change_destroy(struct shape_change *c)
     prt_free(c->x);
     prt_free(c->y);
     prt_free(c->z);
+    prt_free(c->around);
     prt_free(c->node);
     free(c->part);
     free(c);
@@ -256,57 +317,58 @@ void prt_shape_change_destroy(struct shape_change *c)
 
 // ---- packets
 
-static void mark_all(const struct shape_change *c, uint64_t *fresh)
-{
-    memset(fresh, 0xff, ((size_t)c->directions->n_packet + 63) / 64 * sizeof *fresh);
-}
+// A box as a sample sees it.
+struct seen {
+    float w[3], far; // towards its centre
+    float sine;      // of the half angle of the cone about it; 1: the sample is in it
+    float up;        // of w above the face
+};
 
-// Packets at most `angle` from a unit direction.
-static void mark_cone(const struct shape_change *c, const float w[3], float angle,
-                      uint64_t *fresh)
+static void look(const struct box *box, const float at[3], const float face_normal[3],
+                 float apart, struct seen *out)
 {
-    const uint32_t n = c->directions->n_packet;
-    const float least = cosf(angle);
-    for (uint32_t first = 0; first < n; first += 64) {
-        uint8_t in[64];
-        const uint32_t m = n - first < 64 ? n - first : 64;
-        for (uint32_t i = 0; i < m; i++)
-            in[i] = w[0] * c->x[first + i] + w[1] * c->y[first + i] + w[2] * c->z[first + i] >=
-                    least;
-        for (uint32_t i = 0; i < m; i++) fresh[first / 64] |= (uint64_t)in[i] << i;
+    float far2 = 1e-30f, radius2 = 0;
+    for (int k = 0; k < 3; k++) {
+        const float half = 0.5f * (box->high[k] - box->low[k]);
+        out->w[k] = box->low[k] + half - at[k];
+        far2 += out->w[k] * out->w[k], radius2 += half * half;
     }
+    out->far = sqrtf(far2), out->up = 0;
+    for (int k = 0; k < 3; k++) {
+        out->w[k] /= out->far;
+        out->up += out->w[k] * face_normal[k];
+    }
+    const float radius = 1.0001f * (sqrtf(radius2) + apart) + 1e-6f * out->far;
+    out->sine = radius < out->far ? radius / out->far : 1;
 }
 
 void prt_shape_change_mark(const struct shape_change *c, const float at[3],
                            const float face_normal[3], float apart, uint64_t *fresh)
 {
     uint32_t stack[MOST_DEPTH], n = 0;
+    uint64_t done[TILES / 64] = {0};
     if (!c) return;
-    const float margin = prt_horizon_reach + c->half;
+    const float margin = margin_of(c), narrow_sine = sinf(narrow);
+    const float narrow_below = -sinf(margin + narrow);
     stack[n++] = 0;
     while (n) {
         const struct change_node *node = &c->node[stack[--n]];
-        const bool leaf = !node->child[0];
-        float w[3], far2 = 0, radius2 = 0, up = 0;
-        for (int k = 0; k < 3; k++) {
-            const float half = 0.5f * (node->box.high[k] - node->box.low[k]);
-            w[k] = node->box.low[k] + half - at[k];
-            far2 += w[k] * w[k], radius2 += half * half;
-        }
-        const float far = sqrtf(far2),
-                    radius = 1.0001f * (sqrtf(radius2) + apart) + 1e-6f * far;
-        const bool around = radius >= far;
-        if (around && leaf) {
-            mark_all(c, fresh);
-            return;
-        }
-        const float seen = around ? (float)M_PI : asinf(radius / far), angle = seen + margin;
-        for (int k = 0; k < 3; k++) w[k] /= far, up += w[k] * face_normal[k];
-        if (!around && angle < (float)M_PI_2 && up < -sinf(angle)) continue; // below the face
-        if (leaf || seen < narrow) {
-            mark_cone(c, w, fminf(angle, (float)M_PI), fresh);
+        struct seen seen;
+        look(&node->box, at, face_normal, apart, &seen);
+        if (seen.sine < narrow_sine) {
+            const unsigned tile = tile_of(seen.w);
+            if (seen.up < narrow_below || done[tile / 64] >> tile % 64 & 1) continue;
+            done[tile / 64] |= UINT64_C(1) << tile % 64;
+            const uint64_t *around = c->around + tile * words_of(c);
+            for (size_t k = 0; k < words_of(c); k++) fresh[k] |= around[k];
             continue;
         }
-        stack[n++] = node->child[0], stack[n++] = node->child[1];
+        const float angle = asinf(seen.sine) + margin;
+        if (seen.sine < 1 && angle < (float)M_PI_2 && seen.up < -sinf(angle)) continue;
+        if (node->child[0]) {
+            stack[n++] = node->child[0], stack[n++] = node->child[1];
+            continue;
+        }
+        mark_cone(c, seen.w, seen.sine < 1 ? angle : (float)M_PI, fresh);
     }
 }
