@@ -399,7 +399,7 @@ static void members_and_scopes(void **unused)
 static void closed_while_it_leaves_its_seats(void **unused)
 {
     enum { N = 40 };
-    begin((const char *const[]){"--send-buffer", "1500", NULL});
+    begin((const char *const[]){"--send-buffer", "1100", NULL});
     struct frames *owner = frames_open(&d);
     char room[33], secret[RELIGHT_SECRET];
     room_create(owner, "seats", room);
