@@ -9,7 +9,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_PARTS = 1 << 20, MOST_DEPTH = 64, TILE_WIDE = 16, TILES = 6 * 16 * 16 };
+// A sample that sees MOST_CONES wide cones has the change all around it: its row is found anew,
+// which takes less time than more of them.
+enum {
+    MOST_CONES = 32,
+    MOST_PARTS = 1 << 20,
+    MOST_DEPTH = 64,
+    TILE_WIDE = 16,
+    TILES = 6 * 16 * 16
+};
 // A part of a triangle is no wider than this share of both shapes' box: the cone about a wide
 // triangle is much wider than the triangle. A box whose cone is narrower than `narrow` [rad] is
 // not divided. Chosen, not measured.
@@ -224,7 +232,7 @@ static void mark_cone(const struct shape_change *c, const float w[3], float angl
                       uint64_t *fresh)
 {
     const uint32_t n = c->directions->n_packet;
-    const float least = cosf(fminf(angle, (float)M_PI));
+    const float least = angle < 3 ? cosf(angle) : -2; // -2: all of them
     for (uint32_t first = 0; first < n; first += 64) {
         uint8_t in[64];
         const uint32_t m = n - first < 64 ? n - first : 64;
@@ -345,7 +353,7 @@ static void look(const struct box *box, const float at[3], const float face_norm
 void prt_shape_change_mark(const struct shape_change *c, const float at[3],
                            const float face_normal[3], float apart, uint64_t *fresh)
 {
-    uint32_t stack[MOST_DEPTH], n = 0;
+    uint32_t stack[MOST_DEPTH], n = 0, wide = 0;
     uint64_t done[TILES / 64] = {0};
     if (!c) return;
     const float margin = margin_of(c), narrow_sine = sinf(narrow);
@@ -369,6 +377,10 @@ void prt_shape_change_mark(const struct shape_change *c, const float at[3],
             stack[n++] = node->child[0], stack[n++] = node->child[1];
             continue;
         }
-        mark_cone(c, seen.w, seen.sine < 1 ? angle : (float)M_PI, fresh);
+        if (seen.sine == 1 || ++wide > MOST_CONES) {
+            mark_cone(c, seen.w, (float)M_PI, fresh);
+            return;
+        }
+        mark_cone(c, seen.w, angle, fresh);
     }
 }
