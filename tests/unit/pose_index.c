@@ -11,13 +11,22 @@
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <time.h>
 
 #include <cmocka.h>
 
 enum { N_POSE = 20000, N_ENTRY = 20000 };
 // Vertices, and what a pose costs beside them.
 #define EACH poses_bytes(1)
-static const double most_s = 2; // searching all of the cache for each pose takes ten times that
+// Of processor time: searching all of the cache for each pose takes ten times that.
+static const double most_s = 4;
+
+static double cpu_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
 
 static struct pose *make_pose(unsigned i)
 {
@@ -57,7 +66,7 @@ static void many_tiny_poses(void **state)
     assert_int_equal(poses_create(&server, &poses), 0);
     fill_cache(server.cache);
     struct principal *ann = ledger_principal(server.ledger, "ann");
-    double start = prt_time_s();
+    double start = cpu_s();
     for (unsigned i = 0; i < 2 * N_POSE; i++) { // the second half takes the first one's place
         assert_int_equal(poses_add(poses, &model, make_pose(i), ann, &found, error), 0);
         pose_release(found);
@@ -74,7 +83,7 @@ static void many_tiny_poses(void **state)
     poses_forget(poses, &other);
     assert_int_equal(ann->held[LEDGER_POSES], N_POSE * EACH);
     poses_forget(poses, &model);
-    double took = prt_time_s() - start;
+    double took = cpu_s() - start;
     assert_int_equal(ann->held[LEDGER_POSES], 0);
     print_message("%d poses beside %d entries took %.2f s, at most %.0f\n", 2 * N_POSE, N_ENTRY,
                   took, most_s);
