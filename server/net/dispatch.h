@@ -32,7 +32,7 @@ void with_mesh(struct request *request, const char *model, with_model_fn fn);
 void with_shape(struct request *request, const char *model, const char *pose,
                 const char *variant, with_model_fn fn);
 
-/* One row an operation (dispatch.c): the properties of a type of request. */
+/* The properties of a type of request, from its line in OPERATION_LIST. */
 enum operation_flag {
     OPERATION_BEFORE_HELLO = 1,
     OPERATION_WHILE_DRAINING = 2, /* ends or reports work that is running */
