@@ -16,7 +16,7 @@ if [ -z "${found:-}" ]; then
     exit 77
 fi
 if [ -d .git ] || [ -f .git ]; then
-    files=$(git ls-files '*.c' '*.h' '*.cpp')
+    files=$(git ls-files -co --exclude-standard '*.c' '*.h' '*.cpp')
 else
     files=$(find client libprt proto server tests -name '*.[ch]' -o -name '*.cpp')
 fi
