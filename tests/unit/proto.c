@@ -32,7 +32,7 @@ static uint8_t *read_vector(const char *name, size_t *size)
     char path[512];
     snprintf(path, sizeof path, "%s/%s.bin", PROTO_VECTORS, name);
     FILE *f = fopen(path, "rb");
-    if (!f) fail_msg("%s is missing", path);
+    if (!f) fail_msg("%s is missing: test_proto --write proto/vectors makes it", path);
     uint8_t *bytes = malloc(1 << 20);
     *size = fread(bytes, 1, 1 << 20, f);
     fclose(f);
