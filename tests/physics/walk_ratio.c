@@ -66,6 +66,8 @@ static struct prt_mesh *leaf(void)
         p[1] += p[0] * p[0] / 30;
         for (int k = 0; k < 3; k++) mesh->normal[v][k] = 0;
     }
+    prt_free(mesh->model); // of other positions
+    mesh->model = NULL;
     assert_int_equal(prt_mesh_normals(&quiet, mesh), PRT_OK);
     return mesh;
 }

@@ -84,7 +84,8 @@ struct prt_mesh {
     uint32_t n_weld;         /* distinct (object, position) pairs */
     float (*position)[3];    /* [n_vertex] mm (model units before prt_mesh_scale) */
     float (*model)[3];       /* [n_vertex] before prt_mesh_scale, in model units; NULL: not
-                                scaled, or of a .prt */
+                                scaled, or of a .prt. Who changes positions later frees it: rays
+                                and samples go by it */
     float (*normal)[3];      /* [n_vertex] unit; angle-weighted where the file has none */
     float (*uv)[2];          /* [n_vertex] TEXCOORD_0, or NULL */
     uint32_t (*triangle)[3]; /* [n_triangle] global vertex indices */

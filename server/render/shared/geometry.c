@@ -92,6 +92,7 @@ static bool set_pose(struct shape *s, struct pose *pose)
     s->pose = pose;
     s->pose->refs++;
     s->mesh.position = s->pose->position;
+    s->mesh.model = NULL; // the file's
     s->mesh.normal = s->normal;
     return true;
 }
