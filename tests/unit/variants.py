@@ -47,7 +47,7 @@ def looks_of_one_bake(transport):
         expect(data('plain.png') != data('view.png'), '%s: variant %s changes nothing' % (transport, name))
         colors(own, 'own.npy')
         colors(plain, 'view.npy', '--variant', name)
-        same('own.npy', 'view.npy', 1e-6)
+        same('own.npy', 'view.npy', 2e-6)
         image(own, 'back.png', '--variant', 'default')
         expect(data('back.png') == data('plain.png'), '%s: back from variant %s' % (transport, name))
     colors(plain, 'dark.npy', '--variant', 'dark')
