@@ -421,6 +421,10 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
         return prt_fail(ctx, PRT_ARG, "%u media under %u lights: 1 to %d of each", n_map,
                         n_light, PRT_REFERENCE_MAX_MANY);
     struct walk_tally tally = {0};
+    // In mm, as a .prt has its positions: its samples are those of its model.
+    struct prt_mesh in_mm = *mesh;
+    in_mm.model = NULL;
+    mesh = &in_mm;
     struct job j = {.ctx = ctx,
                     .tally = &tally,
                     .mesh = mesh,

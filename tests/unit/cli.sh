@@ -229,8 +229,7 @@ expect 2 'reference only' "$prt" colors ball.prt --cube 32 --env constant -o x.c
 expect 0 'traced again' "$prt" colors ball.prt --env constant --term irradiance $quick -o e2.csv
 expect 0 '' "$prt" compare e2.csv e.csv --max-rmse 1e-6
 expect 0 '' "$prt" colors ball.prt --env constant --engine reference --term multiple $quick -o r.npy
-# A .prt has its positions in mm alone: 500 samples of it are placed otherwise than its model's.
-expect 0 '' "$prt" compare r.npy truth.npy --max-rmse 0.01
+expect 0 '' "$prt" compare r.npy truth.npy --max-rmse 1e-6
 expect 0 '' "$prt" colors ball.prt --env constant --eye 0,0,5 -o eye.csv
 check [ -z "$(ls x.* 2>/dev/null)" ]
 expect 0 '' "$prt" bake ball.obj $scaled $bake --storage sparse --coeffs 64 -o sparse.prt
