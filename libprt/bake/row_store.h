@@ -10,7 +10,7 @@
 #include "bake/ray_store.h"
 #include "bake/run.h"
 
-/* All that a row's rays depend on but the triangles that they meet. Model units. */
+/* What decides the rays of a row, apart from the triangles that they meet. In model units. */
 struct row_place {
     float position[3], face_normal[3], normal[3], epsilon;
     uint32_t pattern;

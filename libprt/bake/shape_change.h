@@ -23,10 +23,9 @@ struct shape_change;
 int prt_shape_change_create(const struct shape *before, const struct shape *now,
                             const struct directions *directions, struct shape_change **out);
 void prt_shape_change_destroy(struct shape_change *change);
-/* Adds to the set `fresh` [(n_packet + 63) / 64] the packets of a row for which the change may
- * matter: some ray that decides about the packet may meet a triangle of it. Such rays start
- * within `apart` of `at`, in model units, and none that is below the face is cast. change NULL:
- * none. */
+/* Adds to the set `fresh` [(n_packet + 63) / 64] the packets of a row whose rays may meet a
+ * changed triangle. These rays start within `apart` of `at` (model units); none goes below the
+ * face. change NULL: adds none. */
 void prt_shape_change_mark(const struct shape_change *change, const float at[3],
                            const float face_normal[3], float apart, uint64_t *fresh);
 

@@ -389,7 +389,7 @@ struct horizon_corner {
 };
 unsigned prt_horizon_around(const struct horizon *horizon, uint32_t triangle, float u, float v,
                             struct horizon_corner out[3]);
-/* How far [rad] from the centre of a texel a ray can lie that decides what is certain there:
+/* The largest angle [rad] between a texel's centre and a ray that decides its visibility:
  * the fine bin around the texel, one beside it, the coarse bin around that, one beside it. */
 static const float prt_horizon_reach = 0.36f;
 /* How many more places than vertices n_sample samples pay for, beside n_vertex. */

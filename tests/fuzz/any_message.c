@@ -204,18 +204,10 @@ typedef void (*any_fn)(struct world *world, uint64_t id, uint64_t other, struct 
 // A request of any type of frame.h, also of those without a function here.
 static uint16_t of_any_type(struct world *world, uint64_t id, struct bytes *out)
 {
-    static const struct {
-        uint16_t type;
-        bool answered;
-    } all[] = {
-#define X(name, number, request, answer) {number, sizeof #answer != sizeof "nothing"},
-        RELIGHT_TYPE_LIST(X)
-#undef X
-    };
     struct rnd *r = world->rnd;
-    const size_t at = rnd(r, sizeof all / sizeof *all);
-    const uint16_t type = all[at].type;
-    const bool answered = all[at].answered;
+    const size_t at = rnd(r, N_REQUEST_TYPE);
+    const uint16_t type = request_types[at].type;
+    const bool answered = request_types[at].answered;
     const size_t n = answered && rnd_chance(r, 2) ? rnd(r, sizeof world->blob->bytes) : 0;
     ProtobufCMessage *message = any_fields(r, relight_type_message(type));
     if (!message) abort();

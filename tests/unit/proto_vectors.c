@@ -572,22 +572,14 @@ static bool has_vector(const struct vector *out, unsigned n, uint16_t type)
 // long as the program.
 static unsigned add_rest(struct vector *out, unsigned n)
 {
-    static const struct {
-        uint16_t type;
-        bool answered;
-    } all[] = {
-#define X(name, number, request, answer) {number, sizeof #answer != sizeof "nothing"},
-        RELIGHT_TYPE_LIST(X)
-#undef X
-    };
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
-        const uint16_t type = all[i].type;
+    for (size_t i = 0; i < N_REQUEST_TYPE; i++) {
+        const uint16_t type = request_types[i].type;
         struct rnd rnd;
         if (has_vector(out, n, type)) continue;
         rnd_seed(&rnd, type);
         const ProtobufCMessage *request = any_fields(&rnd, relight_type_message(type)),
                                *answer =
-                                   all[i].answered
+                                   request_types[i].answered
                                        ? any_fields(&rnd, relight_type_message(type | ANSWER))
                                        : NULL;
         char *name = strdup(relight_type_name(type));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a view of the daemon is asked for, and the change that brings it there in few bytes.
+// The state that a view of the daemon is to show, and the VIEW_SET with only what differs from the last.
 import type { MessageInitShape } from "@bufbuild/protobuf";
 import {
   ColorFormat,
@@ -28,7 +28,7 @@ export interface Options {
   exits: boolean;
   coarse: boolean;
 }
-/** All that a view is asked for. */
+/** The state that a view is to show, with its picture and options. */
 export interface Wanted {
   state: SceneState;
   picture: Picture | null; // null: colours
@@ -91,7 +91,7 @@ const FIELD_OF = {
   coarse: "options.coarse",
 } as const;
 
-/** What a view has been told. */
+/** The state that was last sent to a view. */
 export class Told {
   private lamps: SceneState["lamps"];
   private material: string;
@@ -165,8 +165,8 @@ export class Told {
     this.options = options;
   }
 
-  // The daemon refuses a change whole. What the view has is not known by then, for others follow a
-  // change before its answer: the next change has all, but the medium that was refused.
+  // The daemon applies all of a VIEW_SET or nothing, and later ones may be on their way: what the view
+  // has is unknown. The next VIEW_SET has every field but the material that was refused.
   private refused(error: unknown, fields: string[], again: () => void): void {
     if (!(error instanceof RelightError)) return;
     this.lamps = [];

@@ -500,7 +500,7 @@ export class Viewer {
     return { width: side(shown.clientWidth), height: side(shown.clientHeight) };
   }
 
-  // All that the view is asked for in a state, in frames of a level.
+  // What the view is to show of a state, in frames of a level (LEVELS).
   private wanted(state: SceneState, pictures: boolean, level: number): Wanted {
     const { rank = 0, side } = LEVELS[level] ?? {};
     const size = this.pictureSize(side);
