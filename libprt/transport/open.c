@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Opens a .prt: maps the file and fills a transport with pointers into the map.
 #include "format.h"
+#include "map_guard.h"
 #include "pages.h"
 #include "prt/eta_nodes.h"
 
@@ -20,6 +21,7 @@ struct prt_file {
     const char *bytes;
     uint64_t size;
     enum { LENT, MAP, PAGES } from; // what closing does with the bytes
+    int watch;                      // of a MAP: prt_map_watch
     const struct format_section *section;
     uint32_t n_section, n_taken;
     struct prt_transport transport;
@@ -476,10 +478,20 @@ int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file
     close(fd);
     if (map == MAP_FAILED) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(error));
     (void)madvise(map, size, MADV_WILLNEED);
+    const int watch = prt_map_watch(map, size);
     status = prt_file_open_memory(ctx, path, map, size, check, out);
-    if (status) munmap(map, size);
-    else (*out)->from = MAP;
-    return status;
+    const bool lost = prt_map_lost(watch);
+    if (!status && lost) prt_file_close(*out); // lent: the map stays
+    if (!status && !lost) {
+        (*out)->from = MAP;
+        (*out)->watch = watch;
+        return PRT_OK;
+    }
+    prt_map_unwatch(watch);
+    munmap(map, size);
+    return lost ? prt_fail(ctx, PRT_IO,
+                           "%s: it became shorter while it was read, or its disk fails", path)
+                : status;
 }
 
 enum { READ_PIECE = 2 << 20 };
@@ -541,7 +553,10 @@ void prt_file_close(struct prt_file *file)
 {
     if (!file) return;
     char *bytes = (char *)(uintptr_t)file->bytes;
-    if (file->from == MAP) munmap(bytes, file->size);
+    if (file->from == MAP) {
+        prt_map_unwatch(file->watch);
+        munmap(bytes, file->size);
+    }
     if (file->from == PAGES) prt_pages_give(bytes, file->size);
     prt_free(file->medium);
     prt_free(file);

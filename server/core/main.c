@@ -326,6 +326,7 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    prt_file_guard_maps();
     signal(SIGXFSZ, SIG_IGN); // past RLIMIT_FSIZE a write fails with EFBIG, like on a full disk
     raise_file_limit();
     // Images and planes of a few MB are allocated and freed often: malloc keeps their pages.

@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: MIT
 // Half floats and the .prt file: what is written comes back, and nothing else is accepted.
 // Above 600 lines: short cases, each read alone.
+#include <fcntl.h>
 #include <math.h>
+#include <pthread.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -14,6 +20,7 @@
 #include <xxhash.h>
 
 #include "format.h"
+#include "map_guard.h"
 #include "pages.h"
 #include "prt/radial.h"
 #include "synthetic.h"
@@ -695,6 +702,88 @@ static void what_was_read_outlives_its_file(void **state)
     prt_free(blob.bytes);
 }
 
+// A file of three pages of 'x', mapped.
+static const char *map_pages(size_t page)
+{
+    struct prt_context ctx = quiet();
+    char *text = malloc(3 * page);
+    assert_non_null(text);
+    memset(text, 'x', 3 * page);
+    assert_int_equal(prt_write_file(&ctx, path, text, 3 * page), 0);
+    free(text);
+    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    const char *map = mmap(NULL, 3 * page, PROT_READ, MAP_SHARED, fd, 0);
+    assert_ptr_not_equal(map, MAP_FAILED);
+    close(fd);
+    return map;
+}
+
+// A page that the file has no longer reads as zeros where the map is watched, and ends the
+// process where it is not.
+static void a_lost_page_is_noticed(void **state)
+{
+    const size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    prt_file_guard_maps();
+    const char *map = map_pages(page);
+    const int whole = prt_map_watch(map, page), lost = prt_map_watch(map + page, 2 * page);
+    assert_true(whole >= 0 && lost >= 0 && whole != lost);
+    assert_int_equal(truncate(path, (off_t)page), 0);
+    assert_int_equal(*(volatile const char *)(map + 5), 'x');
+    assert_false(prt_map_lost(lost));
+    assert_int_equal(*(volatile const char *)(map + 3 * page - 1), 0);
+    assert_true(prt_map_lost(lost));
+    assert_false(prt_map_lost(whole));
+    prt_map_unwatch(lost);
+    const pid_t child = fork();
+    if (!child) {
+        const struct rlimit none = {0, 0};
+        setrlimit(RLIMIT_CORE, &none);
+        signal(SIGBUS, SIG_DFL);
+        prt_file_guard_maps();
+        _exit(*(volatile const char *)(map + page));
+    }
+    int how = 0;
+    assert_int_equal(waitpid(child, &how, 0), child);
+    assert_true(WIFSIGNALED(how) && WTERMSIG(how) == SIGBUS);
+    prt_map_unwatch(whole);
+    munmap((void *)(uintptr_t)map, 3 * page);
+    int number[PRT_MOST_WATCHED];
+    for (int i = 0; i < PRT_MOST_WATCHED; i++)
+        assert_true((number[i] = prt_map_watch(map, page)) >= 0);
+    assert_int_equal(prt_map_watch(map, page), -1);
+    for (int i = 0; i < PRT_MOST_WATCHED; i++) prt_map_unwatch(number[i]);
+    unlink(path);
+}
+
+static void *shorten(void *arg)
+{
+    const unsigned *us = arg;
+    usleep(*us);
+    assert_int_equal(truncate(path, 4096), 0);
+    return NULL;
+}
+
+// At whatever moment a file becomes shorter, opening it returns.
+static void a_file_that_shrinks_is_no_end(void **state)
+{
+    struct prt_context ctx = quiet();
+    prt_file_guard_maps();
+    for (unsigned i = 0; i < 200; i++) {
+        struct prt_file *file = NULL;
+        struct prt_blob blob = written();
+        unsigned us = i % 50;
+        pthread_t thread;
+        assert_int_equal(pthread_create(&thread, NULL, shorten, &us), 0);
+        const int status = prt_file_open(&ctx, path, PRT_FILE_CHECK_ALL, &file);
+        assert_true(status == PRT_OK || status == PRT_IO || status == PRT_FORMAT);
+        if (!status) assert_int_equal(prt_file_bytes(file), blob.size);
+        if (!status) prt_file_close(file);
+        pthread_join(thread, NULL);
+        prt_free(blob.bytes);
+    }
+    unlink(path);
+}
+
 // Pages of `size` bytes, all 1, that were given back.
 static char *given(size_t size)
 {
@@ -930,6 +1019,8 @@ int main(void)
         cmocka_unit_test(large_counts_are_refused),
         cmocka_unit_test(foreign_files_are_refused),
         cmocka_unit_test(what_was_read_outlives_its_file),
+        cmocka_unit_test(a_lost_page_is_noticed),
+        cmocka_unit_test(a_file_that_shrinks_is_no_end),
         cmocka_unit_test(pages_of_closed_files_are_used_again),
         cmocka_unit_test(nothing_of_the_last_file_is_left),
         cmocka_unit_test(failed_writes_leave_nothing),

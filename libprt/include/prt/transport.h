@@ -213,6 +213,11 @@ void prt_file_close(struct prt_file *file); /* NULL: nothing */
  * prt_file_read reads next: the system has to clear fresh ones. Frees those that are kept now.
  * 0, the default: none. A setting of the process. */
 void prt_file_keep_pages(size_t most);
+/* From now on a map (prt_file_open) whose pages cannot be read does not end the process: its
+ * file became shorter, or its disk fails. Opening it returns PRT_IO; once it is open, such a
+ * page reads as zeros. Handles SIGBUS; faults elsewhere are treated as before. A setting of the
+ * process, made before threads open files; of the first 64 maps that are open at once. */
+void prt_file_guard_maps(void);
 /* Whether the file begins with a .prt's magic number; reads 8 bytes and logs nothing. */
 bool prt_file_probe(const char *path);
 /* The version in the file's header; 0: it is no .prt. */
