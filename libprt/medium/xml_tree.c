@@ -81,6 +81,16 @@ void prt_xml_tree_finish(struct xml_tree *tree)
     *tree = (struct xml_tree){.n = 0};
 }
 
+// The first form is deprecated where the second is there.
+static unsigned long line_of(XML_Parser parser)
+{
+#if XML_MAJOR_VERSION > 2 || XML_MINOR_VERSION >= 9
+    return (unsigned long)XML_GetCurrentLineNumber64(parser);
+#else
+    return (unsigned long)XML_GetCurrentLineNumber(parser);
+#endif
+}
+
 static int parse(const struct prt_context *ctx, const char *what, const char *bytes, size_t n,
                  struct reading *r)
 {
@@ -91,8 +101,7 @@ static int parse(const struct prt_context *ctx, const char *what, const char *by
     if (r->refused) return prt_fail(ctx, PRT_LIMIT, "%s: %s", what, r->refused);
     if (status == XML_STATUS_OK) return PRT_OK;
     return prt_fail(ctx, PRT_FORMAT, "%s: not valid XML in line %lu: %s", what,
-                    (unsigned long)XML_GetCurrentLineNumber(r->parser),
-                    XML_ErrorString(XML_GetErrorCode(r->parser)));
+                    line_of(r->parser), XML_ErrorString(XML_GetErrorCode(r->parser)));
 }
 
 int prt_xml_tree_parse(const struct prt_context *ctx, const char *what, const char *bytes,
