@@ -34,12 +34,15 @@ static void create(struct request *request, const Relight__RoomAction *action)
     uint8_t random[ROOM_ID / 2];
     randombytes_buf(random, sizeof random);
     sodium_bin2hex(id, sizeof id, random, sizeof random);
-    struct room *room = room_add(rooms, id);
-    if (!room || !(room->state = room_state_new(id))) {
+    Relight__RoomState *state = room_state_new(id);
+    struct room *room = state ? room_add(rooms, id) : NULL;
+    if (!room) {
+        room_state_free(state);
         give_back_room(request->server, request->conn->caller.name);
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
+    room->state = state;
     snprintf(room->owner, sizeof room->owner, "%s", request->conn->caller.name);
     room_hold(room);
     room_edit(request, room, action, RELIGHT__ROOM_ROLE__ROLE_OWNER);
