@@ -23,10 +23,16 @@ bool prt_media_of_surface(const struct prt_context *ctx, const struct prt_mesh *
     memcpy(in.name, s->name, sizeof in.name - 1);
     memcpy(in.color, v->color, sizeof in.color);
     memcpy(in.albedo, v->albedo, sizeof in.albedo);
-    if (!prt_material_from_attenuation(&in, out))
+    const unsigned lowered = prt_material_from_attenuation(&in, out);
+    if (lowered & PRT_LOWERED_ALBEDO)
         prt_log(ctx, PRT_LOG_WARNING,
                 "material \"%s\": an albedo above 0.98 is lowered to it; a medium that absorbs "
                 "nothing has no finite coefficients",
+                s->name);
+    if (lowered & PRT_LOWERED_RATE)
+        prt_log(ctx, PRT_LOG_WARNING,
+                "material \"%s\": its attenuation is beyond what prt takes, mean free paths of "
+                "about 0.001 to 100000 mm, and was moved there",
                 s->name);
     return true;
 }

@@ -47,31 +47,33 @@ static bool set_channel(struct prt_material *m, int c, double prime, double rate
         s = prime / (1 - prime) * rate;
     }
     double scaled = clamp(s, 1.001e-5, fmin(900, 4000 * (1 - g)));
-    double absorbed = clamp(a * scaled / s, 0, 900);
+    double kept = a * scaled / s, absorbed = clamp(kept, 0, 900);
     m->sigma_s_prime[c] = (float)scaled;
     m->sigma_a[c] = (float)absorbed;
-    return scaled == s;
+    return scaled == s && absorbed == kept;
 }
 
-bool prt_material_from_attenuation(const struct prt_attenuation *in, struct prt_material *out)
+unsigned prt_material_from_attenuation(const struct prt_attenuation *in,
+                                       struct prt_material *out)
 {
     struct prt_material m = {
         .eta = (float)clamp((double)in->eta, 1, 3),
         .roughness = (float)clamp((double)in->roughness, MEDIUM_LEAST_ROUGHNESS, 1)};
-    bool exact = true;
+    unsigned lowered = 0;
     for (int c = 0; c < 3; c++) {
         // attenuation of a colour of 1 is none, and of 0 without end
         double color = clamp((double)in->color[c], 1e-4, 0.9999);
         double wanted = clamp((double)in->albedo[c], LEAST_ALBEDO, MOST_ALBEDO);
-        exact &= (double)in->albedo[c] <= MOST_ALBEDO;
+        if ((double)in->albedo[c] > MOST_ALBEDO) lowered |= PRT_LOWERED_ALBEDO;
         m.g[c] = in->g;
-        set_channel(&m, c, prt_albedo_invert(wanted, (double)m.eta),
-                    -log(color) / (double)in->distance_mm, in->scatters);
+        if (!set_channel(&m, c, prt_albedo_invert(wanted, (double)m.eta),
+                         -log(color) / (double)in->distance_mm, in->scatters))
+            lowered |= PRT_LOWERED_RATE;
     }
     memcpy(m.name, in->name, sizeof m.name);
     m.name[sizeof m.name - 1] = 0;
     *out = m;
-    return exact;
+    return lowered;
 }
 
 unsigned prt_material_from_dense(const struct prt_dense *in, struct prt_material *out)

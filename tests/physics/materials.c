@@ -597,7 +597,7 @@ static void imported_media_return_their_albedo(void **state)
         struct prt_material m;
         struct prt_diffusion d[3];
         for (int c = 0; c < 3; c++) in.albedo[c] = 0.02f + 0.04f * (float)((k + 7 * c) % 24);
-        assert_true(prt_material_from_attenuation(&in, &m));
+        assert_int_equal(prt_material_from_attenuation(&in, &m), 0);
         assert_int_equal(prt_material_check(&context, &m), PRT_OK);
         prt_material_dipoles(&m, d);
         for (int c = 0; c < 3; c++) {
@@ -614,7 +614,19 @@ static void imported_media_return_their_albedo(void **state)
     struct prt_attenuation white = {
         .color = {1, 1, 1}, .albedo = {1, 1, 1}, .distance_mm = 1, .eta = 1.4f, .roughness = 1};
     struct prt_material m;
-    assert_false(prt_material_from_attenuation(&white, &m)); // said, and still a medium
+    // said, and still a medium
+    assert_int_equal(prt_material_from_attenuation(&white, &m), PRT_LOWERED_ALBEDO);
+    assert_int_equal(prt_material_check(&context, &m), PRT_OK);
+    struct prt_attenuation dense = {.color = {0.5f, 0.5f, 0.5f},
+                                    .albedo = {0.5f, 0.5f, 0.5f},
+                                    .distance_mm = 1e-5f,
+                                    .eta = 1.4f,
+                                    .roughness = 1,
+                                    .scatters = true};
+    assert_int_equal(prt_material_from_attenuation(&dense, &m), PRT_LOWERED_RATE);
+    assert_int_equal(prt_material_check(&context, &m), PRT_OK);
+    dense.distance_mm = 1e8f;
+    assert_int_equal(prt_material_from_attenuation(&dense, &m), PRT_LOWERED_RATE);
     assert_int_equal(prt_material_check(&context, &m), PRT_OK);
 }
 

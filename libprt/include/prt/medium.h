@@ -66,10 +66,14 @@ struct prt_attenuation {
     bool scatters; /* attenuation is sigma_t (KHR_materials_volume_scatter), else sigma_a
                       (KHR_materials_volume) */
 };
+enum {
+    PRT_LOWERED_ALBEDO = 1, /* an albedo above 0.98, which no finite medium has, was lowered */
+    PRT_LOWERED_RATE = 2,   /* coefficients were moved into prt_material's ranges */
+};
 /* The medium: albedo is inverted against the dipole's total reflectance rho_d, so that rho_d of
- * the result is the albedo. false where an albedo above 0.98, which no finite medium has, was
- * lowered to it. */
-bool prt_material_from_attenuation(const struct prt_attenuation *in, struct prt_material *out);
+ * the result is the albedo. Returns bits PRT_LOWERED_*. */
+unsigned prt_material_from_attenuation(const struct prt_attenuation *in,
+                                       struct prt_material *out);
 /* A dense medium by its mean free path 1/sigma_t, as subsurface shaders have it. */
 struct prt_dense {
     char name[32];
@@ -77,10 +81,6 @@ struct prt_dense {
     float free_path_mm[3]; /* > 0 */
     float g;               /* |g| <= 0.95 */
     float eta, roughness;
-};
-enum {
-    PRT_LOWERED_ALBEDO = 1, /* an albedo above 0.98 was lowered to it */
-    PRT_LOWERED_RATE = 2,   /* coefficients were moved into prt_material's ranges */
 };
 /* The medium, its albedo inverted like that of an attenuation. Returns bits PRT_LOWERED_*. */
 unsigned prt_material_from_dense(const struct prt_dense *in, struct prt_material *out);
