@@ -63,13 +63,14 @@ double relight_timeout(const struct relight_client *client);
 bool relight_reconnects(const struct relight_client *client);
 
 /* ---- upload.c ---- */
-struct relight_mapping {
-    void *bytes; /* munmap() */
+struct relight_content {
+    char *bytes; /* free() */
     size_t size;
 };
-/* A regular file that is not empty. */
-int relight_map_file(const char *path, struct relight_mapping *out,
-                     struct relight_error *error);
+/* A regular file that is not empty, of at most so many bytes; 0: of any size. It is read, not
+ * mapped: a map of a file that becomes shorter ends the process. */
+int relight_read_file(const char *path, uint64_t most, struct relight_content *out,
+                      struct relight_error *error);
 const char *relight_base_name(const char *path);
 
 /* ---- messages.c: plain structs to messages and back ---- */

@@ -7,7 +7,6 @@
 #include <limits.h>
 #include <stdio.h>
 #include <strings.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 
 enum { MAX_FILE = 64, MAX_NAME = 200 }; // as the daemon has them
@@ -182,10 +181,10 @@ static int add_list(const struct sender *s, const cJSON *gltf, const char *list,
     return status;
 }
 
-static int add_gltf_files(const struct sender *s, const struct relight_mapping *map,
+static int add_gltf_files(const struct sender *s, const struct relight_content *file,
                           bool images, struct relight_error *error)
 {
-    cJSON *json = cJSON_ParseWithLength(map->bytes, map->size);
+    cJSON *json = cJSON_ParseWithLength(file->bytes, file->size);
     if (!json) return relight_fail(error, RELIGHT_E_FILE, "", "%s: is not JSON", s->path);
     int status = add_list(s, json, "buffers", error);
     if (!status && images) status = add_list(s, json, "images", error);
@@ -242,12 +241,12 @@ static int add_map(const struct sender *s, char *text, struct relight_error *err
 }
 
 // Calls add for each line that begins with one of the words.
-static int for_lines(const struct sender *s, const struct relight_mapping *map,
+static int for_lines(const struct sender *s, const struct relight_content *file,
                      const char *const word[],
                      int (*add)(const struct sender *, char *, struct relight_error *),
                      struct relight_error *error)
 {
-    const char *at = map->bytes, *stop = at + map->size;
+    const char *at = file->bytes, *stop = at + file->size;
     int status = 0;
     for (const char *end; at < stop && !status; at = end + 1) {
         end = memchr(at, '\n', (size_t)(stop - at));
@@ -265,7 +264,7 @@ static int add_library(const struct sender *s, char *name, struct relight_error 
 {
     static const char *const maps[] = {"map_Kd", "map_Ke",   "map_Pr", "norm",
                                        "map_Kn", "map_Bump", "bump",   NULL};
-    struct relight_mapping map;
+    struct relight_content file;
     char *full = NULL;
     if (!is_beside(s, name)) return 0;
     int status = add_beside(s, name, error);
@@ -273,19 +272,19 @@ static int add_library(const struct sender *s, char *name, struct relight_error 
         full = NULL;
         status = no_memory(error);
     }
-    if (!status) status = relight_map_file(full, &map, error);
+    if (!status) status = relight_read_file(full, 0, &file, error);
     free(full);
     if (status) return status;
-    status = for_lines(s, &map, maps, add_map, error);
-    munmap(map.bytes, map.size);
+    status = for_lines(s, &file, maps, add_map, error);
+    free(file.bytes);
     return status;
 }
 
-static int add_obj_files(const struct sender *s, const struct relight_mapping *map,
+static int add_obj_files(const struct sender *s, const struct relight_content *file,
                          struct relight_error *error)
 {
     static const char *const libraries[] = {"mtllib", NULL};
-    return for_lines(s, map, libraries, add_library, error);
+    return for_lines(s, file, libraries, add_library, error);
 }
 
 // ---- a model and its files
@@ -300,8 +299,8 @@ static int add_files(struct sender *s, bool images, struct relight_error *error)
 {
     const bool gltf = ends_in(s->path, ".gltf");
     if (!gltf && !(images && ends_in(s->path, ".obj"))) return 0;
-    struct relight_mapping map;
-    int status = relight_map_file(s->path, &map, error);
+    struct relight_content file;
+    int status = relight_read_file(s->path, 0, &file, error);
     if (status) return status;
     bool slash = relight_base_name(s->path) > s->path;
     if (asprintf(&s->folder, "%.*s", slash ? (int)(relight_base_name(s->path) - s->path) : 2,
@@ -310,9 +309,10 @@ static int add_files(struct sender *s, bool images, struct relight_error *error)
         status = no_memory(error);
     }
     if (!status)
-        status = gltf ? add_gltf_files(s, &map, images, error) : add_obj_files(s, &map, error);
+        status =
+            gltf ? add_gltf_files(s, &file, images, error) : add_obj_files(s, &file, error);
     free(s->folder);
-    munmap(map.bytes, map.size);
+    free(file.bytes);
     return status;
 }
 

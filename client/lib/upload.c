@@ -6,7 +6,8 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
-#include <sys/mman.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -83,6 +84,12 @@ static int put_rest(struct relight_client *client, Relight__PutBlobRequest *m,
     return status;
 }
 
+static int too_large(const char *name, size_t n, uint64_t most, struct relight_error *error)
+{
+    return relight_fail(error, RELIGHT_E_LIMIT, "", "%s: %zu bytes, the server takes %llu",
+                        name, n, (unsigned long long)most);
+}
+
 int relight_upload(struct relight_client *client, const char *name, const void *bytes, size_t n,
                    relight_progress_fn fn, void *user, char hash[65], uint64_t *sent,
                    struct relight_error *error)
@@ -91,8 +98,7 @@ int relight_upload(struct relight_client *client, const char *name, const void *
     const struct relight_server *server = relight_server(client);
     if (!n) return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%s: the file is empty", name);
     if (server->max_blob && n > server->max_blob)
-        return relight_fail(error, RELIGHT_E_LIMIT, "", "%s: %zu bytes, the server takes %llu",
-                            name, n, (unsigned long long)server->max_blob);
+        return too_large(name, n, server->max_blob, error);
     relight_hash(bytes, n, own);
     Relight__PutBlobRequest m = RELIGHT__PUT_BLOB_REQUEST__INIT;
     m.hash = own;
@@ -122,32 +128,50 @@ const char *relight_base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
-int relight_map_file(const char *path, struct relight_mapping *out, struct relight_error *error)
+// NULL, or what is wrong with it.
+static const char *read_bytes(int fd, char *to, size_t n)
+{
+    for (size_t at = 0; at < n;) {
+        const ssize_t got = read(fd, to + at, n - at);
+        if (got < 0 && errno == EINTR) continue;
+        if (got < 0) return strerror(errno);
+        if (!got) return "it became shorter while it was read";
+        at += (size_t)got;
+    }
+    return NULL;
+}
+
+int relight_read_file(const char *path, uint64_t most, struct relight_content *out,
+                      struct relight_error *error)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     struct stat st;
     if (fd < 0) return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
     const char *bad = NULL;
-    void *bytes = MAP_FAILED;
     if (fstat(fd, &st) || !S_ISREG(st.st_mode)) bad = "not a regular file";
     else if (!st.st_size) bad = "the file is empty";
-    else bytes = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
-    if (!bad && bytes == MAP_FAILED) bad = strerror(errno);
+    const size_t n = bad ? 0 : (size_t)st.st_size;
+    const bool large = most && n > most;
+    *out = (struct relight_content){bad || large ? NULL : malloc(n), n};
+    if (out->bytes) bad = read_bytes(fd, out->bytes, n);
     close(fd);
+    if (out->bytes && !bad) return 0;
+    free(out->bytes);
+    if (large) return too_large(path, n, most, error);
     if (bad) return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, bad);
-    *out = (struct relight_mapping){bytes, (size_t)st.st_size};
-    return 0;
+    return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "%s: not enough memory to read it",
+                        path);
 }
 
 int relight_upload_file(struct relight_client *client, const char *path, relight_progress_fn fn,
                         void *user, char hash[65], uint64_t *sent, struct relight_error *error)
 {
-    struct relight_mapping map;
-    int status = relight_map_file(path, &map, error);
+    struct relight_content file;
+    int status = relight_read_file(path, relight_server(client)->max_blob, &file, error);
     if (status) return status;
-    status = relight_upload(client, relight_base_name(path), map.bytes, map.size, fn, user,
+    status = relight_upload(client, relight_base_name(path), file.bytes, file.size, fn, user,
                             hash, sent, error);
-    munmap(map.bytes, map.size);
+    free(file.bytes);
     return status;
 }
 

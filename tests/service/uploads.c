@@ -8,6 +8,7 @@
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
+#include <pthread.h>
 #include <sys/resource.h>
 
 static struct daemon d;
@@ -396,6 +397,37 @@ static void test_damaged_blob_is_not_used(void **state)
     relight_close(client);
 }
 
+static void *shorten(void *path)
+{
+    usleep(3000);
+    assert_int_equal(truncate(path, 4096), 0);
+    return NULL;
+}
+
+// A file that becomes shorter while it is uploaded is an error, and ends no program.
+static void test_file_that_shrinks(void **state)
+{
+    enum { SIZE = 64 << 20 };
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    char hash[65], path[300];
+    snprintf(path, sizeof path, "%s/shrinks.obj", d.folder);
+    for (int turn = 0; turn < 4; turn++) {
+        pthread_t thread;
+        const int fd = open(path, O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0600);
+        assert_true(fd >= 0);
+        assert_int_equal(ftruncate(fd, SIZE), 0);
+        close(fd);
+        assert_int_equal(pthread_create(&thread, NULL, shorten, path), 0);
+        const int status = relight_upload_file(client, path, NULL, NULL, hash, NULL, &error);
+        pthread_join(thread, NULL);
+        assert_true(!status || status == -RELIGHT_E_FILE);
+        if (status) assert_non_null(strstr(error.text, "became shorter"));
+    }
+    unlink(path);
+    relight_close(client);
+}
+
 // An upload whose file went away behind the daemon is not found when a model needs it.
 static void test_file_of_an_upload_is_gone(void **state)
 {
@@ -546,6 +578,7 @@ int main(void)
         cmocka_unit_test(test_uploads_are_bounded_by_principal),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_damaged_blob_is_not_used),
+        cmocka_unit_test(test_file_that_shrinks),
         cmocka_unit_test(test_file_of_an_upload_is_gone),
         cmocka_unit_test(test_names_are_not_shown_to_others),
         cmocka_unit_test(test_disconnects_during_chunks),

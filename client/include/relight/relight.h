@@ -219,9 +219,10 @@ int relight_upload(struct relight_client *client, const char *name, const void *
                    relight_progress_fn fn, void *user, char hash[65], uint64_t *sent,
                    struct relight_error *error);
 
-/* The same for a file, which is mapped, not read.
+/* The same for a file, which is read into memory first.
  * path: a regular file. Its last component becomes the name.
- * Returns as relight_upload, or -RELIGHT_E_FILE.
+ * Returns as relight_upload; -RELIGHT_E_FILE: it cannot be read, or became shorter meanwhile;
+ * -RELIGHT_E_NO_MEMORY.
  * Thread-safety: Safe. Blocks until the blob is stored. */
 int relight_upload_file(struct relight_client *client, const char *path, relight_progress_fn fn,
                         void *user, char hash[65], uint64_t *sent, struct relight_error *error);
