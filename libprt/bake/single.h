@@ -31,8 +31,17 @@ uint32_t prt_blocked_lanes(const struct single_plan *plan, struct prt_packet *sh
 /* Lanes without an exit get the path length `far_mm` and no light. */
 void prt_fill_missed(struct lanes *lane, float far_mm);
 /* Writes lane i to a texel: path length and transmittance; direction. */
-void prt_store_exit(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i);
-void prt_store_direction(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i);
+static inline void prt_store_exit(struct exits *e, uint32_t texel, const struct lanes *lane,
+                                  uint32_t i)
+{
+    e->path_mm[texel] = lane->path_mm[i];
+    e->transmittance[texel] = lane->transmittance[i];
+}
+static inline void prt_store_direction(struct exits *e, uint32_t texel,
+                                       const struct lanes *lane, uint32_t i)
+{
+    for (int k = 0; k < 3; k++) e->dir[k][texel] = lane->dir[k][i];
+}
 /* One ray for each of the light's directions from point p [mm]. Returns the rays cast. */
 uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_table *fresnel,
                         const float p[3], const struct light_directions *light,

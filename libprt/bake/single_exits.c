@@ -65,17 +65,6 @@ uint32_t prt_blocked_lanes(const struct single_plan *plan, struct prt_packet *sh
     return prt_scene_occluded16(plan->scene, shadow, mask);
 }
 
-void prt_store_exit(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i)
-{
-    e->path_mm[texel] = lane->path_mm[i];
-    e->transmittance[texel] = lane->transmittance[i];
-}
-
-void prt_store_direction(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i)
-{
-    for (int k = 0; k < 3; k++) e->dir[k][texel] = lane->dir[k][i];
-}
-
 void prt_fill_missed(struct lanes *lane, float far_mm)
 {
     for (int i = 0; i < 16; i++) {

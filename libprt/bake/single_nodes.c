@@ -227,6 +227,9 @@ static void push(struct queue *q, uint32_t a, unsigned pattern, uint32_t block, 
         trace_ray(q, a, ray, &target);
         return;
     }
+    // flush_wishes reads them: one direction of a line of 16
+    __builtin_prefetch(d->x + ray), __builtin_prefetch(d->y + ray);
+    __builtin_prefetch(d->z + ray);
     w->ray[w->fill] = ray;
     w->target[w->fill] = target;
     if (++w->fill == 16) flush_wishes(q, a);
