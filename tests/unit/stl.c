@@ -24,7 +24,8 @@ static void keep_line(void *user, enum prt_log_level level, const char *line)
     snprintf(lines + n, sizeof lines - n, "%s\n", line);
 }
 
-static int load(const void *bytes, size_t n, bool up_z, struct prt_mesh **out)
+static int load_named(const char *name, const void *bytes, size_t n, bool up_z,
+                      struct prt_mesh **out)
 {
     struct prt_context ctx;
     const struct prt_mesh_options options = {.up_z = up_z};
@@ -32,7 +33,12 @@ static int load(const void *bytes, size_t n, bool up_z, struct prt_mesh **out)
     ctx.log = keep_line;
     lines[0] = 0;
     *out = NULL;
-    return prt_mesh_load_memory(&ctx, "part.stl", bytes, n, NULL, &options, out);
+    return prt_mesh_load_memory(&ctx, name, bytes, n, NULL, &options, out);
+}
+
+static int load(const void *bytes, size_t n, bool up_z, struct prt_mesh **out)
+{
+    return load_named("part.stl", bytes, n, up_z, out);
 }
 
 // Facets of a sphere about the origin, poles on z, outward.
@@ -123,6 +129,29 @@ static void both_forms_are_smooth_and_in_order(void **state)
     }
 }
 
+// One facet is the least that a file holds, in either form and under either head; a byte less
+// is no file. Its normal is the right hand's over the corners' order, whatever the facet says.
+static void one_facet_is_a_model(void **state)
+{
+    static float one[1][3][3] = {{{1, 2, 3}, {4, 2, 3}, {1, 7, 3}}};
+    static const char *const head[] = {"made by a program", "solid by a program"};
+    struct prt_mesh *m;
+    for (int form = 0; form < 3; form++) {
+        size_t size = form < 2 ? binary(1, one, head[form], bytes) : text(1, one, bytes);
+        if (load_named("part", bytes, size, false, &m)) fail_msg("form %d: %s", form, lines);
+        assert_int_equal(m->n_vertex, 3);
+        assert_int_equal(m->n_triangle, 1);
+        assert_int_equal(m->n_boundary_edge, 3);
+        assert_memory_equal(m->position, one, sizeof one);
+        for (int i = 0; i < 3; i++) {
+            assert_int_equal(m->triangle[0][i], i);
+            for (int k = 0; k < 3; k++) assert_float_equal(m->normal[i][k], k == 2, 1e-6);
+        }
+        prt_mesh_destroy(m);
+        if (form < 2) assert_int_equal(load(bytes, size - 1, false, &m), PRT_FORMAT);
+    }
+}
+
 static void refuse_text(const char *what, const char *stl, const char *said)
 {
     struct prt_mesh *m;
@@ -162,6 +191,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(both_forms_are_smooth_and_in_order),
+        cmocka_unit_test(one_facet_is_a_model),
         cmocka_unit_test(faults_are_named),
     };
     return run_test_group(tests, NULL, NULL);
