@@ -845,6 +845,55 @@ static struct frames_answer load_named(struct frames *f, uint64_t id, const char
     return frames_wait(f, id);
 }
 
+// The code of a LOAD of one uploaded file under this name, whose bytes are not there.
+static int code_of_file_name(struct frames *f, uint64_t id, const char *name)
+{
+    static char nowhere[65];
+    Relight__FileRef file = RELIGHT__FILE_REF__INIT, *files[] = {&file};
+    Relight__LoadRequest load = RELIGHT__LOAD_REQUEST__INIT;
+    memset(nowhere, 'a', 64);
+    file.name = (char *)name;
+    file.blob = nowhere;
+    load.files = files, load.n_files = 1;
+    load.size_mm = 10;
+    load.material = "marble";
+    load.preview = true;
+    frames_add(f, RELIGHT_TYPE_LOAD, id, &load.base, NULL, 0);
+    frames_send(f);
+    return frames_wait(f, id).code;
+}
+
+// Every kind of name that leads out of a model's folder, hides, or is no text for a log. A name
+// is looked at before its bytes, so that a good one gets as far as these.
+static void test_file_names_are_plain(void **state)
+{
+    char longest[202];
+    memset(longest, 'x', sizeof longest - 1);
+    longest[201] = 0;
+    const char *const bad[] = {"",     "/a",   ".a",   "..",   "../a", "a/../b",
+                               "a/..", "a/.b", "a//b", "a\\b", longest};
+    const char *const control[] = {"a\nb", "a\x1f", "a\x7f"}; // refused as text already
+    const char *const good[] = {"a",    "a/b/c.bin", "a..b",     "a.",
+                                "~a b", "\xc3\xbc",  longest + 1};
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    uint64_t id = 2;
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        const int code = code_of_file_name(f, id++, bad[i]);
+        if (code != RELIGHT__ERROR_CODE__ERROR_FORBIDDEN)
+            fail_msg("bad name %zu: code %d", i, code);
+    }
+    for (size_t i = 0; i < sizeof control / sizeof *control; i++)
+        assert_int_equal(code_of_file_name(f, id++, control[i]),
+                         RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
+        const int code = code_of_file_name(f, id++, good[i]);
+        if (code != RELIGHT__ERROR_CODE__ERROR_NOT_FOUND)
+            fail_msg("good name %zu: code %d", i, code);
+    }
+    frames_close(f);
+}
+
 static void test_text_is_text(void **state)
 {
     static const char *const bad[] = {
@@ -938,6 +987,7 @@ int main(void)
         cmocka_unit_test_teardown(test_headers_that_unpack_to_much, teardown),
         cmocka_unit_test_teardown(test_idle_after_a_large_header, teardown),
         cmocka_unit_test_teardown(test_cubes_are_hashed_elsewhere, teardown),
+        cmocka_unit_test_teardown(test_file_names_are_plain, teardown),
         cmocka_unit_test_teardown(test_text_is_text, teardown),
     };
     signal(SIGPIPE, SIG_IGN);
