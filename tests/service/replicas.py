@@ -4,6 +4,8 @@
 replica died, and of random operations with SIGKILLs in between nothing acknowledged is lost.
 
    replicas.py FOLDER_OF_THE_PROGRAMS FOLDER_OF_THE_PACKAGE OPERATIONS"""
+import concurrent.futures
+import errno
 import hashlib
 import os
 import random
@@ -38,6 +40,44 @@ def each_serves_what_the_other_took(a, b, folder):
     until("unloaded at the other", 10,
           lambda: model not in [m.id for m in a.ask().models()])
     print("each serves what the other took")
+
+
+def fifo_with_reader(path, seconds):
+    """A descriptor to write to, once somebody reads."""
+    def opened():
+        try:
+            return os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError as error:
+            assert error.errno == errno.ENXIO, error
+            return None
+    fd = until("the fetch has begun", seconds, opened)
+    os.set_blocking(fd, True)
+    return fd
+
+
+def what_is_fetched_for_a_forgotten_model_goes(a, b, folder):
+    """The shared bake becomes a FIFO, so that the fetch lasts until the test has written it."""
+    model = a.ask().load(model_file(folder, 4), size_mm=10, name="leaving", **BAKE)
+    shared = "%s/bakes/%s/%s.prt" % (shared_folder(folder, a.number), model[:2], model)
+    here = "%s/data%d/bakes/%s.prt" % (folder, b.number, model)
+    until("listed at the other", 20, lambda: model in [m.id for m in b.ask().models()])
+    with open(shared, "rb") as f:
+        bake = f.read()
+    os.unlink(shared)
+    os.mkfifo(shared)
+    with concurrent.futures.ThreadPoolExecutor() as threads:
+        asked = threads.submit(lambda: relight.Client(b.address).colors(model, "constant"))
+        fd = fifo_with_reader(shared, 20)
+        # The UNLOAD removes the model's file. Its removal must not come after the fetch.
+        with open(here, "wb"):
+            pass
+        b.ask().unload(model, forget=True)
+        until("its file is removed", 20, lambda: not os.path.exists(here))
+        with open(fd, "wb") as f:
+            f.write(bake)
+        print("the model was forgotten during its fetch: %s" % (asked.exception() or asked.result().shape,))
+    until("what was fetched is removed", 20, lambda: not os.path.exists(here))
+    os.unlink(shared)
 
 
 def a_bake_goes_on_where_its_replica_died(a, b, folder):
@@ -137,6 +177,8 @@ def main():
         if "RELIGHT_TEST_MOUNTS" not in os.environ:
             a_full_folder_refuses_and_loses_nothing()
         each_serves_what_the_other_took(*replicas, folder)
+        if "RELIGHT_TEST_MOUNTS" not in os.environ:
+            what_is_fetched_for_a_forgotten_model_goes(*replicas, folder)
         a_bake_goes_on_where_its_replica_died(*replicas, folder)
         nothing_acknowledged_is_lost(replicas, folder, int(sys.argv[3]), random.Random(seed))
 
