@@ -579,8 +579,7 @@ static void ply_in_three_formats(void **state)
         }
         struct prt_context ctx = context();
         struct prt_mesh *m = NULL;
-        int status =
-            prt_mesh_load_memory(&ctx, "m.ply", file, (size_t)(at - file), NULL, NULL, &m);
+        int status = prt_mesh_load_memory(&ctx, "m", file, (size_t)(at - file), NULL, NULL, &m);
         if (status) fail_msg("%s: %s", format[f], lines);
         assert_int_equal(m->n_vertex, 4);
         const uint32_t want[6][3] = {{0, 1, 2}, {0, 2, 3}, {0, 1, 3},
