@@ -128,7 +128,7 @@ const char *relight_base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
-// NULL, or what is wrong with it.
+// Reads n bytes of a file. Returns NULL, or the error as text.
 static const char *read_bytes(int fd, char *to, size_t n)
 {
     for (size_t at = 0; at < n;) {

@@ -8,9 +8,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Watches a map from now on: a number for the calls below; -1: it is not watched, because the
- * guard is off or PRT_MOST_WATCHED maps are. */
 enum { PRT_MOST_WATCHED = 64 };
+/* Watches a map from now on. Returns a number for the calls below; -1: the map is not watched,
+ * because the guard is off or PRT_MOST_WATCHED maps are watched already. */
 int prt_map_watch(const void *map, size_t bytes);
 /* Whether a page of it could not be read since. -1: false. */
 bool prt_map_lost(int number);

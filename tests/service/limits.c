@@ -892,6 +892,7 @@ static void test_file_names_are_plain(void **state)
             fail_msg("good name %zu: code %d", i, code);
     }
     frames_close(f);
+    end();
 }
 
 static void test_text_is_text(void **state)
