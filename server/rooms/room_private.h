@@ -100,7 +100,8 @@ struct room {
     uint64_t snapshot;         /* sequence of the newest snapshot */
     uint64_t bytes;            /* of its log */
     bool stale;                /* the state has events that could not be written */
-    bool loading, again_stale; /* again_stale: it is to be read once more */
+    bool loading;              /* until those who waited for it have been told */
+    bool again_stale;          /* it is to be read once more */
     unsigned n_edit;           /* events on their way to the disk */
     struct edit *again;        /* edits that start again once it is read */
     struct room_waiter *waiters, **last_waiter;
@@ -151,6 +152,7 @@ void room_drop_tail(struct room *room);
 bool room_let_go(struct room *room);
 /* The state has to be read again, once no event is under way. */
 void room_spoil(struct room *room);
+/* Begins to read it where it is stale, or somebody waits for it. */
 void room_reload_if_idle(struct room *room);
 /* A new room, which its first event will put into the store. NULL without memory. */
 struct room *room_add(struct rooms *rooms, const char *id);

@@ -236,15 +236,22 @@ Relight__RoomState *room_fold_stored(const char *room, const struct room_task *t
     return state;
 }
 
+// An edit among them may spoil the state: those after it wait until it is read again.
 static void tell_waiters(struct room *room, int code, const char *error)
 {
-    struct room_waiter *all = room->waiters;
+    struct room_waiter *all = room->waiters, **last = room->last_waiter;
     room->waiters = NULL;
     room->last_waiter = &room->waiters;
-    for (struct room_waiter *w = all, *next; w; w = next) {
-        next = w->next;
+    while (all && (code || !room->stale)) {
+        struct room_waiter *w = all;
+        all = w->next;
         w->then(w, code ? NULL : room, code, error);
     }
+    if (!all) return;
+    *last = room->waiters;
+    if (room->waiters) last = room->last_waiter;
+    room->waiters = all;
+    room->last_waiter = last;
 }
 
 // Where nobody sits in it, a state that does not fit is not kept.
@@ -291,8 +298,7 @@ static void take_loaded(struct room *room, struct room_task *task)
 static void loaded(struct room_task *task)
 {
     struct room *room = (struct room *)((char *)task - offsetof(struct room, load));
-    room_hold(room); // `task` is a part of it
-    room->loading = false;
+    room_hold(room);                 // `task` is a part of it
     room->stale = room->again_stale; // written by another replica meanwhile
     room->again_stale = false;
     if (task->status == ROOM_TASK_DONE) take_loaded(room, task);
@@ -305,6 +311,7 @@ static void loaded(struct room_task *task)
     }
     room_task_finish(task);
     if (!room->state) edits_again(room); // they fail
+    room->loading = false;               // until here nothing may begin to read it anew
     room_reload_if_idle(room);
     room_release(room);
 }
@@ -331,7 +338,8 @@ void room_spoil(struct room *room)
 
 void room_reload_if_idle(struct room *room)
 {
-    if (room->stale && !room->n_edit && !room->loading) begin_load(room);
+    bool wanted = room->stale || room->waiters;
+    if (wanted && !room->n_edit && !room->loading) begin_load(room);
 }
 
 void room_use(struct rooms *rooms, const char *id, struct room_waiter *waiter)

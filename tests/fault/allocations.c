@@ -2,22 +2,28 @@
 // Every allocation of the daemon fails once: at its start, in HELLO, uploads, LOAD, COLORS,
 // IMAGE, views and the rest. It answers with an error or closes the connection, and the next
 // request of another client is answered as if nothing had been.
+#include "room_frames.h" // before the daemon, whose name it shadows
+
 #include "faulty_daemon.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
 
-static char model[ID_SIZE];
+static char model[ID_SIZE], room[33];
 static const char *scratch_name;
-static const char *const http[] = {"--http", "127.0.0.1:0", NULL};
+// A room leaves memory with its last request.
+static const char *const options[] = {"--http", "127.0.0.1:0", "--room-idle", "0", NULL};
 
 static int setup(void **state)
 {
     faults_setup();
-    daemon_start(&d, http);
+    daemon_start(&d, options);
     struct relight_client *client = client_open(d.address);
     bake_small(client, &d, model);
     relight_close(client);
+    struct frames *f = frames_open(&d);
+    room_create(f, "faults", room);
+    frames_close(f);
     return 0;
 }
 
@@ -138,6 +144,36 @@ static int act_view(struct relight_client *client, unsigned turn, struct relight
     return status ? status : set ? set : closed;
 }
 
+// Edits wait until the room is read: the state that one of them spoils is not for the next.
+static int act_room(struct relight_client *client, unsigned turn, struct relight_error *error)
+{
+    struct frames *f = frames_connect(&d);
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    Relight__RoomGetRequest get = RELIGHT__ROOM_GET_REQUEST__INIT;
+    Relight__SceneChange change = RELIGHT__SCENE_CHANGE__INIT;
+    Relight__Scene scene = RELIGHT__SCENE__INIT;
+    char *parts[] = {"model"};
+    int worst = 0;
+    scene.model = model;
+    change.scene = &scene;
+    change.parts = parts;
+    change.n_parts = 1;
+    action.scene = &change;
+    get.room = room;
+    frames_add_hello(f, "faults");
+    for (uint64_t id = 2; id < 5; id++) room_add_edit(f, id, room, &action, "Ann", "", 0);
+    frames_add(f, RELIGHT_TYPE_ROOM_GET, 5, &get.base, NULL, 0);
+    bool sent = frames_try_send(f);
+    for (int n = 0; n < 5 && worst >= 0; n++) {
+        struct reply r;
+        if (!reply_next(f, 0, 20000, &r, NULL)) fail_msg("%d of 5 answers", n);
+        if (r.closed || r.code) worst = r.closed ? -1 : r.code;
+        reply_free(&r);
+    }
+    frames_close(f);
+    return sent ? worst : -1;
+}
+
 // One request over HTTP, whose answer may be missing: its socket is closed then. The status; an
 // answer that is empty is none.
 static int ask_http(const char *request)
@@ -192,17 +228,12 @@ static const struct act {
     const char *name;
     act_fn fn;
     unsigned sampled; // above this many allocations not each fails: JSON has one a value
-} acts[] = {{"HELLO and PING", act_hello},
-            {"LIST", act_list},
-            {"STATS", act_stats},
-            {"an upload", act_upload},
-            {"LOAD and UNLOAD", act_load},
-            {"COLORS", act_colors},
-            {"IMAGE", act_image},
-            {"a material", act_material},
-            {"a view", act_view},
-            {"HTTP", act_http, 20},
-            {"JSON by HTTP", act_http_json, 20}};
+} acts[] = {{"HELLO and PING", act_hello}, {"LIST", act_list},
+            {"STATS", act_stats},          {"an upload", act_upload},
+            {"LOAD and UNLOAD", act_load}, {"COLORS", act_colors},
+            {"IMAGE", act_image},          {"a material", act_material},
+            {"a view", act_view},          {"a room", act_room, 60},
+            {"HTTP", act_http, 20},        {"JSON by HTTP", act_http_json, 20}};
 
 static void must_serve(const char *after, int64_t n)
 {
