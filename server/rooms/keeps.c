@@ -192,9 +192,11 @@ static void state_read(struct room_task *task)
         (struct keeps_reading *)((char *)task - offsetof(struct keeps_reading, load));
     char error[ROOM_ERROR];
     bool there = task->status == ROOM_TASK_DONE, failed = task->status == ROOM_TASK_FAILED;
-    Relight__RoomState *state = there ? room_fold_stored(task->room, task, error) : NULL;
+    Relight__RoomState *state = NULL;
+    int code = there ? room_fold_stored(task->room, task, &state, error) : 0;
     if (state) room_set_needs(r->rooms, state, true);
-    else if (there)
+    if (code == RELIGHT__ERROR_CODE__ERROR_NO_MEMORY) failed = true; // it is read again
+    else if (code)
         log_line(LOG_ERR, "room=%s: %s: what it needs is not kept on the disk", task->room,
                  error);
     room_state_free(state);

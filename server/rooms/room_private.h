@@ -156,15 +156,18 @@ void room_spoil(struct room *room);
 void room_reload_if_idle(struct room *room);
 /* A new room, which its first event will put into the store. NULL without memory. */
 struct room *room_add(struct rooms *rooms, const char *id);
-void room_write_snapshot(struct room *room);
 /* Puts a committed event into the tail, which takes the bytes. */
 void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_t n);
-/* The state of a snapshot, if there is one, and the events after it; NULL with the fault. */
-Relight__RoomState *room_fold_stored(const char *room, const struct room_task *task,
-                                     char error[ROOM_ERROR]);
 /* Puts a summary together; its arrays are freed by summary_finish. False without memory. */
 bool room_summarise(const Relight__RoomState *state, struct room_summary *out);
 void summary_finish(struct room_summary *summary);
+
+/* room_stored.c */
+void room_write_snapshot(struct room *room);
+/* The state of a snapshot, if there is one, and the events after it. 0, or ERROR_INTERNAL with
+ * the damage, or ERROR_NO_MEMORY. */
+int room_fold_stored(const char *room, const struct room_task *task, Relight__RoomState **out,
+                     char error[ROOM_ERROR]);
 
 /* keeps.c */
 /* The models and uploads that a state needs, as holds_set takes them; NULL without memory. */

@@ -175,66 +175,7 @@ void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_
     room_memory_update(room);
 }
 
-// ---- snapshots
-
-struct snapshot {
-    struct room_task task;
-    uint8_t *bytes;
-};
-
-static void snapshot_written(struct room_task *task)
-{
-    struct snapshot *s = (struct snapshot *)task;
-    if (task->status == ROOM_TASK_FAILED)
-        log_line(LOG_WARN, "room=%s: its snapshot could not be written: %s", task->room,
-                 task->error);
-    free(s->bytes);
-    free(s);
-}
-
-void room_write_snapshot(struct room *room)
-{
-    struct snapshot *s = calloc(1, sizeof *s);
-    size_t n = protobuf_c_message_get_packed_size(&room->state->base);
-    if (!s || !(s->bytes = malloc(n + 1))) {
-        free(s);
-        return; // the log is enough
-    }
-    protobuf_c_message_pack(&room->state->base, s->bytes);
-    s->task.kind = ROOM_TASK_SNAPSHOT;
-    snprintf(s->task.room, sizeof s->task.room, "%s", room->id);
-    s->task.sequence = room->snapshot = room->state->sequence;
-    s->task.bytes = s->bytes;
-    s->task.n = n;
-    s->task.done = snapshot_written;
-    room->rooms->store->api->submit(room->rooms->store, &s->task);
-}
-
 // ---- reading a room
-
-Relight__RoomState *room_fold_stored(const char *room, const struct room_task *task,
-                                     char error[ROOM_ERROR])
-{
-    Relight__RoomState *state =
-        task->snapshot ? relight__room_state__unpack(NULL, task->n_snapshot, task->snapshot)
-                       : room_state_new(room);
-    snprintf(error, ROOM_ERROR, "its snapshot is damaged");
-    if (!state || state->sequence != task->sequence || strcmp(state->room, room)) {
-        room_state_free(state);
-        return NULL;
-    }
-    for (size_t i = 0; i < task->n_event; i++) {
-        const struct room_event_bytes *e = &task->event[i];
-        Relight__RoomEvent *event = relight__room_event__unpack(NULL, e->n, e->bytes);
-        snprintf(error, ROOM_ERROR, "event %llu is damaged", (unsigned long long)e->sequence);
-        int code = event ? room_fold(state, event, error) : -1;
-        if (event) relight__room_event__free_unpacked(event, NULL);
-        if (!code) continue;
-        room_state_free(state);
-        return NULL;
-    }
-    return state;
-}
 
 // An edit among them may spoil the state: those after it wait until it is read again.
 static void tell_waiters(struct room *room, int code, const char *error)
@@ -267,14 +208,21 @@ static bool has_room(struct room *room)
     return fits;
 }
 
+static void tell_unreadable(struct room *room, int code, const char *error)
+{
+    if (code != RELIGHT__ERROR_CODE__ERROR_NO_MEMORY) {
+        log_line(LOG_ERR, "room=%s: %s: restore the store from a backup", room->id, error);
+        error = "the room's log is damaged: an administrator can restore a backup";
+    }
+    tell_waiters(room, code, error);
+}
+
 static void take_loaded(struct room *room, struct room_task *task)
 {
     char error[ROOM_ERROR];
-    room->state = room_fold_stored(room->id, task, error);
-    if (!room->state) {
-        log_line(LOG_ERR, "room=%s: %s: restore the store from a backup", room->id, error);
-        tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_INTERNAL,
-                     "the room's log is damaged: an administrator can restore a backup");
+    int code = room_fold_stored(room->id, task, &room->state, error);
+    if (code) {
+        tell_unreadable(room, code, error);
         return;
     }
     room->committed = room->state->sequence;

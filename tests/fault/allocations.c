@@ -171,6 +171,7 @@ static int act_room(struct relight_client *client, unsigned turn, struct relight
         reply_free(&r);
     }
     frames_close(f);
+    if (log_says(&d, "is damaged", 0)) fail_msg("without memory a room counts as damaged");
     return sent ? worst : -1;
 }
 
