@@ -41,23 +41,24 @@ struct prt_specular {
 #define SPECULAR_ROUGH_3 0.45f
 #define SPECULAR_ROUGH_4 0.65f
 #define SPECULAR_ROUGH_5 1.0f
-/* The lower of the two levels that a roughness lies between, and the share of the upper. */
+/* The lower of the two levels that a roughness lies between, and the share of the upper. One
+ * choice after another: nested ones keep the compiler from vectorising loops over this. */
 static inline unsigned specular_level(float roughness, float *share)
 {
-    int k = (roughness > SPECULAR_ROUGH_1) + (roughness > SPECULAR_ROUGH_2) +
-            (roughness > SPECULAR_ROUGH_3) + (roughness > SPECULAR_ROUGH_4);
-    float lo = k == 0   ? SPECULAR_ROUGH_0
-               : k == 1 ? SPECULAR_ROUGH_1
-               : k == 2 ? SPECULAR_ROUGH_2
-               : k == 3 ? SPECULAR_ROUGH_3
-                        : SPECULAR_ROUGH_4;
-    float wide = k <= 2   ? SPECULAR_ROUGH_2 - SPECULAR_ROUGH_1
-                 : k == 3 ? SPECULAR_ROUGH_4 - SPECULAR_ROUGH_3
-                          : SPECULAR_ROUGH_5 - SPECULAR_ROUGH_4;
-    float f = (roughness - lo) / wide;
+    const float r = roughness;
+    float lo = r > SPECULAR_ROUGH_1 ? SPECULAR_ROUGH_1 : SPECULAR_ROUGH_0;
+    float hi = r > SPECULAR_ROUGH_1 ? SPECULAR_ROUGH_2 : SPECULAR_ROUGH_1;
+    lo = r > SPECULAR_ROUGH_2 ? SPECULAR_ROUGH_2 : lo;
+    hi = r > SPECULAR_ROUGH_2 ? SPECULAR_ROUGH_3 : hi;
+    lo = r > SPECULAR_ROUGH_3 ? SPECULAR_ROUGH_3 : lo;
+    hi = r > SPECULAR_ROUGH_3 ? SPECULAR_ROUGH_4 : hi;
+    lo = r > SPECULAR_ROUGH_4 ? SPECULAR_ROUGH_4 : lo;
+    hi = r > SPECULAR_ROUGH_4 ? SPECULAR_ROUGH_5 : hi;
+    float f = (r - lo) / (hi - lo);
     f = f > 0 ? f : 0;
     *share = f < 1 ? f : 1;
-    return (unsigned)k;
+    return (unsigned)(r > SPECULAR_ROUGH_1) + (r > SPECULAR_ROUGH_2) + (r > SPECULAR_ROUGH_3) +
+           (r > SPECULAR_ROUGH_4);
 }
 enum { SPECULAR_LEVEL_FLOATS = 6 * (SPECULAR_SIDE + 2) * (SPECULAR_SIDE + 2) * 4 };
 /* Fills `stack` from the levels; false without memory. */

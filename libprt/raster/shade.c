@@ -9,6 +9,7 @@
 #include <string.h>
 
 enum { LANES = 64, SMALL_BACKGROUND = 64 };
+enum { PACKED_FLOATS = 12 }; // of a vertex: four planes of red, of green, of blue
 
 typedef float four __attribute__((vector_size(16)));
 typedef int four_bits __attribute__((vector_size(16)));
@@ -47,6 +48,8 @@ struct shade_job {
     const float *planes;
     size_t plane_floats;
     unsigned n_plane;
+    const float *packed; // [n_vertex][n_group][3][4] of the planes, or NULL
+    unsigned n_group;
     float eye[3], plain[3], sign[16];
     float sky_cos, sky_sin;   // of the background's rotation about +y
     float lobe_cos, lobe_sin; // of the specular's
@@ -97,7 +100,7 @@ static void harmonic_signs(float sign[16])
     static const float dir[3] = {0.48f, 0.6f, 0.64f};
     float y[16];
     struct view_terms v;
-    float mine[15][LANES], plus[16];
+    float mine[4][LANES][4], plus[16];
     for (int k = 0; k < 16; k++) plus[k] = 1;
     v.ox[0] = dir[0];
     v.oy[0] = dir[1];
@@ -105,7 +108,7 @@ static void harmonic_signs(float sign[16])
     harmonics_c(&v, 1, 16, plus, mine);
     prt_sh_eval(4, dir, y);
     sign[0] = 1;
-    for (int k = 1; k < 16; k++) sign[k] = y[k] * mine[k - 1][0] < 0 ? -1 : 1;
+    for (int k = 1; k < 16; k++) sign[k] = y[k] * mine[k / 4][0][k % 4] < 0 ? -1 : 1;
 }
 
 // eta, roughness and the exit's factor of each block, [3][n_block]; NULL without memory.
@@ -200,6 +203,42 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     return PRT_OK;
 }
 
+struct packing {
+    const struct prt_shade *shade;
+    size_t plane_floats;
+    unsigned n_group;
+    float *out;
+};
+
+static int pack_planes(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct packing *p = arg;
+    for (size_t v = begin; v < end; v++)
+        for (unsigned k = 0; k < 4 * p->n_group; k++)
+            for (unsigned c = 0; c < 3; c++) {
+                const bool there = k < p->shade->n_plane;
+                const float *plane = p->shade->planes + k * p->plane_floats;
+                p->out[(v * p->n_group + k / 4) * PACKED_FLOATS + 4 * c + k % 4] =
+                    there ? plane[3 * v + c] : 0;
+            }
+    return PRT_OK;
+}
+
+// Packs several planes where each vertex is read for several points. *out: NULL where not.
+static int pack(const struct prt_context *ctx, const struct prt_visibility *vis,
+                const struct prt_mesh *mesh, const struct prt_shade *s, unsigned n_group,
+                float **out)
+{
+    const size_t n = mesh->n_vertex;
+    struct packing p = {s, 3 * n, n_group, NULL};
+    *out = NULL;
+    if (s->n_plane == 1 || n > vis->row_point[vis->height]) return PRT_OK;
+    p.out = prt_alloc(n * n_group * PACKED_FLOATS, sizeof *p.out);
+    if (!p.out) return prt_fail(ctx, PRT_NOMEM, "shade: no memory for %u planes", s->n_plane);
+    *out = p.out;
+    return prt_parallel_for(ctx, NULL, n, 2048, pack_planes, &p);
+}
+
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *vis,
                     const struct prt_mesh *mesh, const struct prt_shade *s,
                     struct prt_image *out)
@@ -214,7 +253,13 @@ int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *
     struct shade_job job = {
         .planes = s->planes, .n_plane = s->n_plane, .plane_floats = (size_t)mesh->n_vertex * 3};
     if (s->n_plane > 1) harmonic_signs(job.sign);
-    return shade(ctx, vis, s, &job, out);
+    float *packed;
+    job.n_group = (s->n_plane + 3) / 4;
+    int status = pack(ctx, vis, mesh, s, job.n_group, &packed);
+    job.packed = packed;
+    if (!status) status = shade(ctx, vis, s, &job, out);
+    prt_free(packed);
+    return status;
 }
 
 int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility *vis,

@@ -225,7 +225,8 @@ static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int
         /* alpha^2 grows by the normals' variance over the pixel (METHODS §6) */
         float rough = medium[i], spread = variance[i] < 0.09f ? 2 * variance[i] : 0.18f;
         float wide = sqrtf(sqrtf(rough * rough * rough * rough + spread));
-        rough = spread > 1e-4f ? wide : rough;
+        float grows = (float)(spread > 1e-4f); /* a product: a branch is not vectorised */
+        rough = grows * wide + (1 - grows) * rough;
         by[i] = (int)specular_level(rough, &share[i]) * job->level_floats;
     }
     for (int i = 0; i < n; i++) {
@@ -264,7 +265,7 @@ PRT_KERNEL(corners)(const float *plane, const size_t c[3], const float b[3], siz
 
 /* Vertex values of the planes, interpolated: the first, and the others times y. */
 static void PRT_KERNEL(add_planes)(const struct shade_job *job, size_t at, int n,
-                                   float y[15][LANES], four *restrict rgb)
+                                   float y[4][LANES][4], four *restrict rgb)
 {
     const struct prt_gbuffer *s = job->g;
     const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
@@ -282,44 +283,81 @@ static void PRT_KERNEL(add_planes)(const struct shade_job *job, size_t at, int n
             four one = b[0] * PRT_KERNEL(load4)(plane + c[0]);
             one += b[1] * PRT_KERNEL(load4)(plane + c[1]);
             one += b[2] * PRT_KERNEL(load4)(plane + c[2]);
-            sum += y[k - 1][i] * one;
+            sum += y[k / 4][i][k % 4] * one;
         }
         for (unsigned k = 1; !whole && k < n_plane; k++)
-            sum += y[k - 1][i] *
+            sum += y[k / 4][i][k % 4] *
                    PRT_KERNEL(corners)(job->planes + k * job->plane_floats, c, b, last);
         rgb[i] = sum;
     }
 }
 
-/* Real spherical harmonics l = 1..3 of the outward inside direction, y[k-1] for plane k. */
+/* The same from job->packed, which has four planes of a channel side by side: a third of the
+ * cache lines. y of plane k is y[k / 4][i][k % 4], with 1 for the first. */
+static void PRT_KERNEL(add_packed)(const struct shade_job *job, size_t at, int n,
+                                   float y[4][LANES][4], four *restrict rgb)
+{
+    const struct prt_gbuffer *s = job->g;
+    const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
+    const float *w1 = s->bary[0] + at, *w2 = s->bary[1] + at;
+    const size_t step = PACKED_FLOATS * (size_t)job->n_group;
+    for (int i = 0; i < n; i++) {
+        const float b0 = 1 - w1[i] - w2[i], b1 = w1[i], b2 = w2[i];
+        const float *p0 = job->packed + step * v0[i], *p1 = job->packed + step * v1[i],
+                    *p2 = job->packed + step * v2[i];
+        four sum[3] = {{0}};
+        for (unsigned k = 0; k < job->n_group; k++) {
+            const four weight = PRT_KERNEL(load4)(y[k][i]);
+            for (int c = 0; c < 3; c++, p0 += 4, p1 += 4, p2 += 4) {
+                four one = b0 * PRT_KERNEL(load4)(p0);
+                one += b1 * PRT_KERNEL(load4)(p1);
+                one += b2 * PRT_KERNEL(load4)(p2);
+                sum[c] += weight * one;
+            }
+        }
+        /* the sum of each of the three, by transposing */
+        const four none = {0, 0, 0, 0};
+        four low = __builtin_shufflevector(sum[0], sum[1], 0, 4, 1, 5) +
+                   __builtin_shufflevector(sum[0], sum[1], 2, 6, 3, 7);
+        four high = __builtin_shufflevector(sum[2], none, 0, 4, 1, 5) +
+                    __builtin_shufflevector(sum[2], none, 2, 6, 3, 7);
+        rgb[i] = __builtin_shufflevector(low, high, 0, 1, 4, 5) +
+                 __builtin_shufflevector(low, high, 2, 3, 6, 7);
+    }
+}
+
+/* Real spherical harmonics l = 1..3 of the outward inside direction; y[k / 4][i][k % 4] for
+ * plane k, with 1 for the first and 0 behind the last. */
 static void PRT_KERNEL(harmonics)(const struct view_terms *v, int n, unsigned n_plane,
-                                  const float *sign, float y[15][LANES])
+                                  const float *sign, float y[4][LANES][4])
 {
     for (int i = 0; i < n; i++) {
         float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
-        y[0][i] = sign[1] * 0.48860251190f * yy;
-        y[1][i] = sign[2] * 0.48860251190f * z;
-        y[2][i] = sign[3] * 0.48860251190f * x;
+        y[0][i][0] = 1;
+        y[0][i][1] = sign[1] * 0.48860251190f * yy;
+        y[0][i][2] = sign[2] * 0.48860251190f * z;
+        y[0][i][3] = sign[3] * 0.48860251190f * x;
     }
     if (n_plane <= 4) return;
     for (int i = 0; i < n; i++) {
         float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
-        y[3][i] = sign[4] * 1.09254843059f * x * yy;
-        y[4][i] = sign[5] * 1.09254843059f * yy * z;
-        y[5][i] = sign[6] * 0.31539156525f * (3 * z * z - 1);
-        y[6][i] = sign[7] * 1.09254843059f * x * z;
-        y[7][i] = sign[8] * 0.54627421530f * (x * x - yy * yy);
+        y[1][i][0] = sign[4] * 1.09254843059f * x * yy;
+        y[1][i][1] = sign[5] * 1.09254843059f * yy * z;
+        y[1][i][2] = sign[6] * 0.31539156525f * (3 * z * z - 1);
+        y[1][i][3] = sign[7] * 1.09254843059f * x * z;
+        y[2][i][0] = sign[8] * 0.54627421530f * (x * x - yy * yy);
+        for (int k = 1; k < 4; k++) y[2][i][k] = 0;
     }
     if (n_plane <= 9) return;
     for (int i = 0; i < n; i++) {
         float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
-        y[8][i] = sign[9] * 0.59004358993f * yy * (3 * x * x - yy * yy);
-        y[9][i] = sign[10] * 2.89061144264f * x * yy * z;
-        y[10][i] = sign[11] * 0.45704579946f * yy * (5 * z * z - 1);
-        y[11][i] = sign[12] * 0.37317633259f * z * (5 * z * z - 3);
-        y[12][i] = sign[13] * 0.45704579946f * x * (5 * z * z - 1);
-        y[13][i] = sign[14] * 1.44530572132f * z * (x * x - yy * yy);
-        y[14][i] = sign[15] * 0.59004358993f * x * (x * x - 3 * yy * yy);
+        y[2][i][1] = sign[9] * 0.59004358993f * yy * (3 * x * x - yy * yy);
+        y[2][i][2] = sign[10] * 2.89061144264f * x * yy * z;
+        y[2][i][3] = sign[11] * 0.45704579946f * yy * (5 * z * z - 1);
+        y[3][i][0] = sign[12] * 0.37317633259f * z * (5 * z * z - 3);
+        y[3][i][1] = sign[13] * 0.45704579946f * x * (5 * z * z - 1);
+        y[3][i][2] = sign[14] * 1.44530572132f * z * (x * x - yy * yy);
+        y[3][i][3] = sign[15] * 0.59004358993f * x * (x * x - 3 * yy * yy);
     }
 }
 
@@ -335,11 +373,12 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
         const float(*given)[3] = job->radiance + at;
         for (int i = 0; i < n; i++) rgb[i] = (four){given[i][0], given[i][1], given[i][2], 0};
     } else {
-        float y[15][LANES];
+        float y[4][LANES][4];
         if (job->n_plane > 1) PRT_KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
         for (unsigned k = 1; k < job->n_plane; k++)
-            for (int i = 0; i < n; i++) y[k - 1][i] = opaque[i] ? 0 : y[k - 1][i];
-        PRT_KERNEL(add_planes)(job, at, n, y, rgb);
+            for (int i = 0; i < n; i++) y[k / 4][i][k % 4] *= opaque[i] ? 0 : 1;
+        if (job->packed) PRT_KERNEL(add_packed)(job, at, n, y, rgb);
+        else PRT_KERNEL(add_planes)(job, at, n, y, rgb);
     }
     if (job->specular) {
         struct lookup look;

@@ -781,6 +781,56 @@ static void turned_specular_and_8_bits(void **state)
     scene_finish(&s);
 }
 
+// Planes are packed by vertex where a mesh has fewer vertices than the picture has points, and
+// read one by one else: here with vertices that no triangle has. Both give one picture.
+static void planes_of_few_and_many_vertices(void **state)
+{
+    enum { W = 61, H = 47, MANY = 40000 };
+    static const unsigned n_plane[] = {4, 9, 16};
+    struct prt_camera c = front(45, 30);
+    struct scene s[2];
+    struct prt_visibility *vis[2];
+    float *few = malloc((size_t)16 * MANY * 12), *many = calloc((size_t)16 * MANY, 12);
+    struct prt_rng rng;
+    prt_rng_init(&rng, 17, 0);
+    for (size_t i = 0; i < (size_t)16 * MANY * 3; i++) few[i] = prt_rng_f32(&rng);
+    for (int k = 0; k < 2; k++) {
+        scene_init(&s[k], MANY, 4000);
+        add_sphere(&s[k], (float[3]){0, 0, 0}, 10, 8, true);
+        add_sphere(&s[k], (float[3]){6, 3, 6}, 5, 6, false);
+        if (k) s[k].mesh.n_vertex = MANY;
+        s[k].block[1].n_vertex = s[k].mesh.n_vertex - s[k].block[1].vertex_begin;
+        vis[k] = see(&s[k], &c, W, H, 4);
+    }
+    const uint32_t n = s[0].mesh.n_vertex;
+    for (unsigned p = 0; p < 16; p++)
+        memcpy(many + (size_t)p * MANY * 3, few + (size_t)p * n * 3, (size_t)n * 12);
+    for (int i = 0; i < 3; i++) {
+        struct prt_image image[2];
+        struct prt_shade shade = {
+            .n_plane = n_plane[i], .media = SURFACE(1.3f, 0.3f), .fresnel = true};
+        for (int k = 0; k < 2; k++) {
+            shade.planes = k ? many : few;
+            assert_int_equal(prt_shade_image(&quiet, vis[k], &s[k].mesh, &shade, &image[k]),
+                             PRT_OK);
+        }
+        double most = 0, differ = 0;
+        for (size_t j = 0; j < W * H * 3; j++) {
+            most = fmax(most, (double)image[0].rgb[j]);
+            differ = fmax(differ, fabs((double)image[0].rgb[j] - (double)image[1].rgb[j]));
+        }
+        print_message("%u planes: at most %.2e of %.3g off\n", n_plane[i], differ, most);
+        assert_true(most > 0.5 && differ < 2e-6 * most);
+        for (int k = 0; k < 2; k++) prt_image_finish(&image[k]);
+    }
+    for (int k = 0; k < 2; k++) {
+        prt_visibility_destroy(vis[k]);
+        scene_finish(&s[k]);
+    }
+    free(few);
+    free(many);
+}
+
 // Every instruction set gives the C kernel's picture up to rounding.
 static void kernels_agree(void **state)
 {
@@ -1066,6 +1116,7 @@ int main(void)
         cmocka_unit_test(specular_of_constant_is_constant),
         cmocka_unit_test(specular_spreads_with_roughness),
         cmocka_unit_test(background_is_looked_up),
+        cmocka_unit_test(planes_of_few_and_many_vertices),
         cmocka_unit_test(kernels_agree),
         cmocka_unit_test(points_compose_as_planes),
         cmocka_unit_test(tone_values),
