@@ -192,6 +192,13 @@ int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_
     return err;
 }
 
+// OpenImageIO reads a file that was cut off, and fills the rest with grey.
+static int undecoded(const struct prt_context *ctx, const char *name, tjhandle tj)
+{
+    if (!strstr(tjGetErrorStr2(tj), "Premature end")) return PRT_UNSUPPORTED;
+    return prt_fail(ctx, PRT_FORMAT, "%s: the file ends in the middle of the pixels", name);
+}
+
 int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, struct prt_image *out)
 {
@@ -207,9 +214,9 @@ int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8
     if (err) goto done;
     const size_t count = (size_t)width * (size_t)height * 3;
     uint8_t *rgb8 = prt_alloc(count, 1);
-    if (!rgb8 ||
-        tjDecompress2(tj, bytes, n, rgb8, width, 0, height, TJPF_RGB, TJFLAG_ACCURATEDCT))
-        err = PRT_UNSUPPORTED;
+    if (!rgb8) err = PRT_UNSUPPORTED;
+    else if (tjDecompress2(tj, bytes, n, rgb8, width, 0, height, TJPF_RGB, TJFLAG_ACCURATEDCT))
+        err = undecoded(ctx, name, tj);
     linear_table(linear);
     for (size_t i = 0; !err && i < count; i++) image.rgb[i] = linear[rgb8[i]];
     prt_free(rgb8);

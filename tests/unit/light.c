@@ -414,6 +414,25 @@ static void png_and_jpeg_are_linearised(void **state)
     assert_int_equal(prt_encode_jpeg(&ctx, rgb, W, H, 101, &blob[0]), PRT_ARG);
 }
 
+// A file that was cut off anywhere is refused; decoders fill up the rest of a JPEG with grey.
+static void a_jpeg_without_its_end_is_refused(void **state)
+{
+    enum { W = 64, H = 32 };
+    static uint8_t rgb[W * H * 3];
+    for (int i = 0; i < W * H * 3; i++) rgb[i] = (uint8_t)(i * 7);
+    struct prt_blob jpeg;
+    struct prt_env *env;
+    assert_int_equal(prt_encode_jpeg(&ctx, rgb, W, H, 90, &jpeg), 0);
+    for (size_t n = jpeg.size - 1; n > jpeg.size / 2; n -= 1 + n / 64) {
+        env = NULL;
+        assert_int_equal(prt_env_load_memory(&ctx, "cut.jpg", jpeg.bytes, n, &env), PRT_FORMAT);
+        assert_null(env);
+    }
+    assert_int_equal(prt_env_load_memory(&ctx, "whole.jpg", jpeg.bytes, jpeg.size, &env), 0);
+    prt_env_destroy(env);
+    prt_free(jpeg.bytes);
+}
+
 // ---- PNGs made by hand: every filter, depth and kind of colour that is read here ----
 
 static uint32_t png_crc(const uint8_t *p, size_t n)
@@ -803,6 +822,7 @@ int main(void)
         cmocka_unit_test(squares_are_refused),
         cmocka_unit_test(exr_round_trip),
         cmocka_unit_test(png_and_jpeg_are_linearised),
+        cmocka_unit_test(a_jpeg_without_its_end_is_refused),
         cmocka_unit_test(cache_of_a_turned_cube),
         cmocka_unit_test(jpeg_in_strips_is_one_picture),
         cmocka_unit_test(png_of_every_plain_kind),
