@@ -105,6 +105,8 @@ static char *provenance(const struct options *o)
     if (o->env) {
         env = strrchr(o->env, '/');
         cJSON_AddStringToObject(root, "env", env ? env + 1 : o->env);
+        if (o->rotate_deg != 0)
+            cJSON_AddNumberToObject(root, "rotate_deg", (double)o->rotate_deg);
     }
     char *text = cJSON_PrintUnformatted(root);
     cJSON_Delete(root);

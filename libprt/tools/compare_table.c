@@ -165,6 +165,11 @@ static int check_own_light(struct table *t, const cJSON *settings)
     if (o->n_env > 1 || (cJSON_IsString(env) && strcmp(env->valuestring, given)))
         return usage_error(o, "%s was baked under %s: give that one light as --env",
                            t->source.path, cJSON_IsString(env) ? env->valuestring : "its own");
+    const double turn = setting(source, "rotate_deg");
+    if (fabs(turn - (double)o->rotate_deg) > 1e-4)
+        return usage_error(o,
+                           "%s was baked under a light turned by %g degrees: give --rotate %g",
+                           t->source.path, turn, turn);
     return EXIT_DONE;
 }
 

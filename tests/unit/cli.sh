@@ -315,6 +315,13 @@ check grep -q '"kind":"polynomial","of":"e^(-sigma_t r)","functions":16' out
 expect 0 '' "$prt" compare x07.prt reference --materials skin1 --env constant:1,1,2 --term multiple \
     --samples 4000 --vertices 20 --max-rmse 0.1
 expect 2 'was baked under' "$prt" compare poly.prt reference --materials skin1 --env constant:3 --term multiple
+expect 0 '' "$prt" bake ball.obj --size-mm 20 $bake --transport polynomial --env constant:1,1,2 --rotate 40 -o turned.prt
+expect 0 '' "$prt" info turned.prt --json
+check grep -q '"rotate_deg":40' out
+expect 2 'turned by 40 degrees: give --rotate 40' "$prt" compare turned.prt reference --materials skin1 \
+    --env constant:1,1,2 --term multiple
+expect 0 '' "$prt" compare turned.prt reference --materials skin1 --env constant:1,1,2 --rotate 40 --term multiple \
+    --samples 4000 --vertices 20 --max-rmse 0.1
 expect 0 '' "$prt" bake ball.obj --material slab.json --size-mm 20 $bake -o slab.prt
 expect 0 '' "$prt" info slab.prt --json
 check grep -q '"profile":"multipole"' out
