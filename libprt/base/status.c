@@ -79,6 +79,13 @@ __attribute__((weak)) const char *__lsan_default_suppressions(void)
 {
     return "leak:libOSMesa\nleak:swrast_dri\nleak:libEGL\nleak:libgallium\n";
 }
+
+// The table of suppressions that were used would follow the log of a daemon on stderr.
+__attribute__((weak)) const char *__lsan_default_options(void);
+__attribute__((weak)) const char *__lsan_default_options(void)
+{
+    return "print_suppressions=0";
+}
 #endif
 
 #if defined(__SANITIZE_THREAD__)
