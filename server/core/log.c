@@ -10,6 +10,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -21,7 +22,7 @@
 enum { LINE = 1200, SITES = 256 };
 
 static const char *const level_word[] = {"error", "warning", "event", "trace"};
-static enum log_level shown = LOG_EVENT;
+static atomic_int shown = LOG_EVENT; // a reload sets it while other threads log
 static enum log_format line_format = LOG_FORMAT_TEXT;
 
 int log_level_parse(const char *word)
@@ -33,7 +34,7 @@ int log_level_parse(const char *word)
 
 void log_set_level(enum log_level level)
 {
-    shown = level;
+    atomic_store_explicit(&shown, (int)level, memory_order_relaxed);
 }
 
 void log_set_format(int format)
@@ -349,7 +350,7 @@ uint64_t log_lost(void)
 
 void log_line(enum log_level level, const char *fmt, ...)
 {
-    if (level > shown) return;
+    if ((int)level > atomic_load_explicit(&shown, memory_order_relaxed)) return;
     uint64_t before;
     pthread_mutex_lock(&queue.lock);
     bool pass = may_log(fmt, &before);

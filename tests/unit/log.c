@@ -10,6 +10,7 @@
 #include "core/log.h"
 
 #include <fcntl.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -146,6 +147,21 @@ static void a_full_pipe_does_not_block(void **state)
     assert_non_null(strstr(text, "log dropped="));
 }
 
+static void *log_traces(void *unused)
+{
+    for (int i = 0; i < 1000; i++) log_line(LOG_TRACE, "not shown i=%d", i);
+    return NULL;
+}
+
+// A reload sets the level while other threads log. The thread sanitizer is the judge.
+static void the_level_changes_while_threads_log(void **state)
+{
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, log_traces, NULL), 0);
+    for (int i = 0; i < 1000; i++) log_set_level(i % 2 ? LOG_EVENT : LOG_WARN);
+    pthread_join(thread, NULL);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -153,6 +169,7 @@ int main(void)
         cmocka_unit_test(conversions_match_printf),
         cmocka_unit_test(one_call_site_cannot_flood),
         cmocka_unit_test(a_full_pipe_does_not_block),
+        cmocka_unit_test(the_level_changes_while_threads_log),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
