@@ -40,6 +40,18 @@ class Notify:
             if found:
                 return found
 
+    def wait_exit(self, process, seconds=30):
+        """The status of the process; its messages are read until then: a full queue would block it."""
+        end = time.monotonic() + seconds
+        self.socket.settimeout(0.1)
+        while process.poll() is None:
+            assert time.monotonic() < end, "the daemon does not end"
+            try:
+                self.socket.recv(4096)
+            except socket.timeout:
+                pass
+        return process.returncode
+
     def close(self):
         self.socket.close()
         shutil.rmtree(self.folder)
@@ -238,7 +250,7 @@ def messages_to_the_service_manager(binaries):
         assert d.ask("GET", "/v1/models")[0] == 200
         notify.wait("^WATCHDOG=1$")
         notify.wait(r"^STOPPING=1\nSTATUS=draining: ")
-        assert d.process.wait(20) == 0
+        assert notify.wait_exit(d.process) == 0
         log = d.log()
         assert log.index("leave signal=") < log.index("drain requests=") < log.index(" stop\n")
     finally:
