@@ -81,6 +81,19 @@ static void last_usage_repeats(void **state)
     }
 }
 
+// A usage of four bytes names its page itself (HID 1.11, 6.2.2.8), whatever page is set.
+static void long_usages_name_their_page(void **state)
+{
+    static const uint8_t report[] = {
+        0x05, 9,   0x0b, 0x31, 0,    1, 0,    0x15, 0,
+        0x25, 100, 0x75, 8,    0x95, 1, 0x81, 2}; // y, among buttons
+    struct hid_description d;
+    char fault[HID_FAULT];
+    assert_true(hid_parse(report, sizeof report, &d, fault));
+    assert_int_equal(d.n_field, 1);
+    assert_string_equal(d.field[0].name, "y");
+}
+
 // A report may end within a byte: its last field is there only with that byte.
 static void report_ends_within_a_byte(void **state)
 {
@@ -431,6 +444,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(descriptors),
                                        cmocka_unit_test(last_usage_repeats),
+                                       cmocka_unit_test(long_usages_name_their_page),
                                        cmocka_unit_test(report_ends_within_a_byte),
                                        cmocka_unit_test(curves),
                                        cmocka_unit_test(mapping_files),

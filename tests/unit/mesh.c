@@ -401,6 +401,10 @@ static void faults_are_named(void **state)
          "\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":2,"
          "\"attributes\":{\"POSITION\":0}}}}]}],\"nodes\":[{\"mesh\":0}]",
          "damaged Draco primitive", PRT_FORMAT},
+        {TETRA_VIEWS
+         ",\"materials\":[{}],\"meshes\":[{\"primitives\":[{\"attributes\":{"
+         "\"POSITION\":0},\"indices\":1,\"material\":1}]}],\"nodes\":[{\"mesh\":0}]",
+         "material 1 does not exist", PRT_FORMAT},
         // numbers the parser would turn into others
         {"\"bufferViews\":[{\"buffer\":0,\"byteOffset\":-4,\"byteLength\":48}]",
          "byteOffset is not a whole number", PRT_FORMAT},
