@@ -330,6 +330,35 @@ static void dropped_entries_hold_little(void **state)
     }
 }
 
+// All tensors of a sum are of one model, and each has the input that its storage needs.
+static void wrong_sums_are_refused(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct synthetic_options larger = kind[0];
+    struct prt_tensor t, u, sparse;
+    larger.n_vertex = 2 * N;
+    assert_int_equal(synthetic_tensor(&kind[0], &t), 0);
+    assert_int_equal(synthetic_tensor(&larger, &u), 0);
+    assert_int_equal(synthetic_tensor(&kind[2], &sparse), 0);
+    float *lit = calloc(4096, 4 * sizeof *lit), *color = calloc(2 * N, 3 * sizeof *color);
+    struct prt_term_input part[2] = {{.tensor = &t, .lit = lit}, {.tensor = &t, .lit = lit}};
+    assert_int_equal(prt_sum_parts(&ctx, 2, part, 1, color), PRT_OK);
+    part[1].tensor = &u;
+    assert_int_equal(prt_sum_parts(&ctx, 2, part, 1, color), PRT_ARG);
+    part[1].tensor = &sparse;
+    assert_int_equal(prt_sum_parts(&ctx, 2, part, 1, color), PRT_ARG);
+    part[1] = (struct prt_term_input){.tensor = &t};
+    assert_int_equal(prt_sum_parts(&ctx, 2, part, 1, color), PRT_ARG);
+    assert_int_equal(prt_sum_parts(&ctx, 0, part, 1, color), PRT_ARG);
+    assert_int_equal(prt_sum_parts(&ctx, 1, part, 0, color), PRT_ARG);
+    assert_int_equal(prt_sum_parts(&ctx, 1, part, 17, color), PRT_ARG);
+    synthetic_tensor_finish(&sparse);
+    synthetic_tensor_finish(&u);
+    synthetic_tensor_finish(&t);
+    free(color);
+    free(lit);
+}
+
 static void wrong_calls_are_refused(void **state)
 {
     struct prt_context ctx = quiet();
@@ -366,6 +395,7 @@ int main(void)
         cmocka_unit_test(dropped_entries_hold_little),
         cmocka_unit_test(the_least_entries_go),
         cmocka_unit_test(wrong_calls_are_refused),
+        cmocka_unit_test(wrong_sums_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
