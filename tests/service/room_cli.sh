@@ -194,7 +194,7 @@ for line in open(sys.argv[1]):
     assert a['state'] == 'placed' and a['distance'] < 1e-6, a
     p = a['at']['position']
     assert abs(abs(p['x']) + abs(p['y']) + abs(p['z']) - 1) < 1e-5, p  # on the octahedron
-    assert a['at']['triangle'] < 32
+    assert a['at']['object'] == 0 and a['at']['triangle'] < 32, a
 END
 expect 0 load far.obj --remote --size-mm 20 --material marble --preview
 expect 0 room scene "$room" --model far
