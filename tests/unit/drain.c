@@ -205,6 +205,33 @@ static void the_speed_is_that_of_busy_workers(void **state)
     assert_true(fabs(wait - 9 * MS) < 0.5 * MS);
 }
 
+// Law: the speed is that of about the last second: one that falls to a quarter is known after
+// two.
+static void the_speed_follows(void **state)
+{
+    struct drain d;
+    struct drain_item item[8];
+    double now = 0, wait[2];
+    drain_init(&d, 4);
+    for (int part = 0; part < 2; part++) { // four workers' cost a millisecond, then one's
+        for (int i = 0; i < (part ? 2000 : 20000); i++) {
+            for (int k = 0; k < 8; k++)
+                drain_begin(&d, &item[k], "a", KIND, WORK_STILL, (uint64_t)now);
+            now += 1 * MS;
+            for (int k = 0; k < 8; k++)
+                drain_end(&d, &item[k], k < (part ? 1 : 4) ? 1 * MS : -1, (uint64_t)now);
+        }
+        for (int k = 0; k < 8; k++)
+            drain_begin(&d, &item[k], "a", KIND, WORK_STILL, (uint64_t)now);
+        wait[part] = drain_wait_ns(&d, "a", KIND, WORK_STILL);
+        for (int k = 0; k < 8; k++) drain_end(&d, &item[k], -1, (uint64_t)now);
+    }
+    print_message("nine of 1 ms wait %.2f ms, of slower workers %.2f ms\n", wait[0] / MS,
+                  wait[1] / MS);
+    assert_true(fabs(wait[0] - 9 * MS / 4) < 0.1 * MS);
+    assert_true(wait[1] > 6 * MS && wait[1] <= 9 * MS);
+}
+
 // Law: all principals beyond the table share its last place: they wait for each other's work,
 // and nothing behind the table is written.
 static void principals_beyond_the_table(void **state)
@@ -240,6 +267,7 @@ int main(void)
         cmocka_unit_test(kinds_and_classes),
         cmocka_unit_test(many_principals),
         cmocka_unit_test(the_speed_is_that_of_busy_workers),
+        cmocka_unit_test(the_speed_follows),
         cmocka_unit_test(principals_beyond_the_table),
     };
     return cmocka_run_group_tests_name("drain", tests, NULL, NULL);

@@ -113,6 +113,34 @@ static void one_call_site_cannot_flood(void **state)
     assert_non_null(strstr(text, " other site\n"));
 }
 
+static void log_part(int part, int n)
+{
+    for (int i = 0; i < n; i++) log_line(LOG_WARN, "ebb part=%d i=%d", part, i);
+}
+
+// A limited site has LOG_RATE lines a second again, in fractions of a second too.
+static void a_site_recovers(void **state)
+{
+    static char text[1 << 20];
+    enum { MORE = 100 };
+    take_stderr();
+    fcntl(reading, F_SETPIPE_SZ, 1 << 20);
+    double start = now_s();
+    log_part(1, 2 * LOG_BURST);
+    double limited = now_s();
+    usleep(400000);
+    double again = now_s();
+    log_part(2, MORE);
+    double end = now_s();
+    read_log(text, sizeof text);
+    give_stderr_back();
+    int lines = 0;
+    for (char *at = text; (at = strstr(at, " part=2 ")); at++) lines++;
+    int least = (int)((again - limited) * LOG_RATE), most = (int)((end - start) * LOG_RATE) + 1;
+    print_message("%d lines after %.3f s\n", lines, again - limited);
+    assert_in_range(lines, least < MORE ? least : MORE, most);
+}
+
 // Each of 400 call sites has a format of its own: the rate limit does not help here.
 static void a_full_pipe_does_not_block(void **state)
 {
@@ -168,6 +196,7 @@ int main(void)
         cmocka_unit_test(arguments_are_escaped),
         cmocka_unit_test(conversions_match_printf),
         cmocka_unit_test(one_call_site_cannot_flood),
+        cmocka_unit_test(a_site_recovers),
         cmocka_unit_test(a_full_pipe_does_not_block),
         cmocka_unit_test(the_level_changes_while_threads_log),
     };
