@@ -472,14 +472,25 @@ static void damage_script(struct peer *p)
     peer_read(p);
 }
 
+static int no_news(void *user, enum relight_room_news news, const char *json)
+{
+    fail_msg("news of a lost connection: %s", json);
+    return 1;
+}
+
 static void damaged(void **state)
 {
     struct peer p;
     struct relight_error error;
+    uint64_t after = 0;
     for (damage_at = 0; damage_at < sizeof damage / sizeof *damage; damage_at++) {
         peer_start(&p, damage_script, 0);
         struct relight_client *client = connect_to(&p, 30);
         assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_PROTOCOL);
+        // so do all requests after it
+        assert_int_equal(
+            relight_room_follow(client, "room", "me", &after, -1, no_news, NULL, &error),
+            -RELIGHT_E_PROTOCOL);
         peer_stop(&p, client);
     }
 }
