@@ -730,6 +730,37 @@ static void colours_round_trip(void **state)
     prt_mesh_destroy(m);
 }
 
+// A GLB keeps the blocks of a mesh: an octahedron and a tetrahedron have other numbers of
+// triangles than of vertices.
+static void blocks_round_trip(void **state)
+{
+    static const char text[] =
+        "o a\nv 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n"
+        "f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n"
+        "o b\nv 3 0 0\nv 4 0 0\nv 3 1 0\nv 3 0 1\nf 7 9 8\nf 7 8 10\nf 7 10 9\nf 8 9 10\n";
+    struct prt_context ctx = context();
+    struct prt_mesh *m = NULL, *back = NULL;
+    const float color[10][3] = {{0}};
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/prt-mesh-%d.glb", (int)getpid());
+    assert_int_equal(prt_mesh_load_memory(&ctx, "m.obj", text, sizeof text - 1, NULL, NULL, &m),
+                     PRT_OK);
+    assert_int_equal(m->n_block, 2);
+    assert_int_equal(prt_mesh_write_colors(&ctx, path, m, color), PRT_OK);
+    assert_int_equal(prt_mesh_load(&ctx, path, NULL, &back), PRT_OK);
+    unlink(path);
+    assert_int_equal(back->n_block, 2);
+    for (uint32_t i = 0; i < 2; i++) {
+        assert_int_equal(back->block[i].n_vertex, i ? 4 : 6);
+        assert_int_equal(back->block[i].n_triangle, i ? 4 : 8);
+        assert_int_equal(back->block[i].vertex_begin, i ? 6 : 0);
+        assert_int_equal(back->block[i].triangle_begin, i ? 8 : 0);
+    }
+    assert_memory_equal(back->triangle, m->triangle, 12 * sizeof *m->triangle);
+    prt_mesh_destroy(back);
+    prt_mesh_destroy(m);
+}
+
 // ---- the development data
 
 struct expected {
@@ -901,6 +932,7 @@ int main(void)
         cmocka_unit_test(obj_faces_in_turns),
         cmocka_unit_test(scale_is_refused_or_done),
         cmocka_unit_test(colours_round_trip),
+        cmocka_unit_test(blocks_round_trip),
         cmocka_unit_test(data_counts),
         cmocka_unit_test(data_variants_agree),
         cmocka_unit_test(data_dragon_is_translucent),
