@@ -15,8 +15,10 @@ here=$(cd "$(dirname "$0")" && pwd)
 dir=$(mktemp -d)
 cd "$dir" || exit 1
 daemon=
+watchers=
 finish() {
-    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
+    # shellcheck disable=SC2086 # words
+    [ -z "$daemon$watchers" ] || kill $daemon $watchers 2>/dev/null
     rm -rf "$dir"
 }
 trap finish EXIT
@@ -206,6 +208,28 @@ cmp first.png undone.png || fail "the first model is not drawn as it was"
 expect 0 room act "$room" '{"stroke": {"pin": 2, "color": 16711680, "width": 3, "points": [
     {"triangle": 0, "position": {"x": 0.6, "y": 0.2, "z": 0.2}}, {"triangle": 0, "position": {"x": 0.2, "y": 0.6, "z": 0.2}}]}}'
 expect 2 room act "$room" nonsense && says 'RoomAction'
+
+# ---- watching: who comes and who goes
+if [ -z "$only" ]; then
+    watch() { "$bin/relight" -s "unix:$dir/s" room watch "$room" >"$1" 2>&1 </dev/null & }
+    seen() { # N TEXT: watch1 has N lines of it
+        for _ in $(seq 400); do
+            [ "$(grep -c "$2" watch1)" -ge "$1" ] && return
+            sleep 0.05
+        done
+        fail "fewer than $1 lines of \"$2\": $(cat watch1)"
+    }
+    watch watch1
+    watchers=$!
+    seen 1 'participant [0-9]*: ann'
+    watch watch2
+    watchers="$watchers $!"
+    seen 2 'participant [0-9]*: ann'
+    kill $! && seen 1 'participant [0-9]* left$'
+    kill ${watchers% *}
+    wait $watchers
+    watchers=
+fi
 
 # ---- mistakes have their remedy
 expect 2 room frown "$room" && says 'expected one of create'
