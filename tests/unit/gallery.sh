@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # Models of deploy/gallery are closed and have their media; its sheet puts pictures side by side.
 #   gallery.sh PATH/TO/prt DEPLOY_FOLDER
-set -eu
+set -euo pipefail
 prt=${1:?the prt program}
 deploy=${2:?the deploy folder}
 dir=$(mktemp -d)
@@ -15,6 +15,9 @@ for model in candle plastics; do
 done
 [ "$("$prt" material "$dir/plastics.glb" | grep -c sigma_s_prime)" = 3 ] ||
     { echo "FAIL: the plastics have not three media"; exit 1; }
+"$prt" material "$dir/plastics.glb" --json |
+    python3 -c 'import json, sys; assert sum("sigma_s_prime" in m["material"] for m in json.load(sys.stdin)) == 3' ||
+    { echo "FAIL: the plastics have not three media in JSON"; exit 1; }
 "$prt" env constant:0.5,0.1,0.2 --layout latlong --size 64x32 --tone none -q -o "$dir/a.png"
 python3 "$deploy/gallery_sheet.py" 2 "$dir/a.png" "$dir/a.png" "$dir/a.png" "$dir/a.png" "$dir/sheet.png"
 "$prt" env "$dir/sheet.png" --layout latlong --size 128x64 --tone none -q -o "$dir/b.png"
