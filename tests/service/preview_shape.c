@@ -231,13 +231,56 @@ static void test_degenerate_models(void **state)
     relight_list_finish(&list);
 }
 
+// Shapes that were drawn go once --cache is spent.
+static void test_shapes_leave(void **state)
+{
+    static const char *const extra[] = {"--cache", "400k", NULL};
+    enum { SHAPES = 30 };
+    static struct daemon small;
+    static float moved[N_VERTEX][3];
+    char path[160];
+    struct relight_loaded loaded;
+    struct relight_geometry g;
+    struct relight_load load = small_load(true);
+    daemon_folder(&small);
+    daemon_start(&small, extra);
+    struct relight_client *other = client_open(small.address);
+    snprintf(path, sizeof path, "%s/ball.obj", d.folder);
+    OK(relight_load_file(other, path, &load, NULL, NULL, &loaded, &error));
+    OK(relight_geometry(other, loaded.model, false, &g, &error));
+    for (int k = 0; k < SHAPES; k++) {
+        struct relight_image_request r = request_of(loaded.model, 0);
+        struct relight_image image;
+        for (int i = 0; i < N_VERTEX; i++)
+            for (int c = 0; c < 3; c++)
+                moved[i][c] = g.position[i][c] * (1 + 0.01f * (float)(c * k));
+        OK(relight_update_vertices(other, loaded.model, 0, N_VERTEX, moved[0], NULL, false,
+                                   NULL, &error));
+        OK(relight_image(other, &r, &image, &error));
+        relight_image_finish(&image);
+    }
+    double bytes = metric(other, "relightd_cache_bytes");
+    for (int i = 0; i < 200 && bytes > 400 << 10; i++) {
+        usleep(50000);
+        bytes = metric(other, "relightd_cache_bytes");
+    }
+    print_message("%d shapes: %.0f kB are kept, %g evictions\n", SHAPES, bytes / 1024,
+                  metric(other, "relightd_cache_evictions_total"));
+    assert_true(bytes <= 400 << 10);
+    assert_true(metric(other, "relightd_cache_evictions_total") > SHAPES);
+    relight_geometry_finish(&g);
+    relight_loaded_finish(&loaded);
+    relight_close(other);
+    assert_int_equal(daemon_end(&small), 0);
+    daemon_remove(&small);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_vertices_move),
-        cmocka_unit_test(test_a_view_follows_a_wobble),
-        cmocka_unit_test(test_odd_cameras),
-        cmocka_unit_test(test_degenerate_models),
+        cmocka_unit_test(test_vertices_move), cmocka_unit_test(test_a_view_follows_a_wobble),
+        cmocka_unit_test(test_odd_cameras),   cmocka_unit_test(test_degenerate_models),
+        cmocka_unit_test(test_shapes_leave),
     };
     return cmocka_run_group_tests(tests, ball_setup, ball_teardown);
 }
