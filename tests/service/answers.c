@@ -339,7 +339,7 @@ static void assert_same_colors(const uint32_t *a, const uint32_t *b, int n)
 
 // The floats behind encoded colours are within --cache: where it is small, a pass has few
 // lights (an eighth of 4,000 bytes is room for six octahedra of six vertices). Both daemons
-// answer the same colours.
+// answer the same colours. Each answer says how many lights its pass had.
 static void test_passes_within_the_cache(void **state)
 {
     enum { N = 40, MOST = 500 / (3 * 4 * OCTAHEDRON_VERTICES) };
@@ -359,13 +359,18 @@ static void test_passes_within_the_cache(void **state)
                 .model = model, .n_light = 1, .lights = &light, .format = RELIGHT_COLOR_RGB9E5};
             OK(relight_colors_begin(client, &c, 0, &id[i], &error));
         }
+        int n_shared = 0;
         for (int i = 0; i < N; i++) {
             struct relight_colors colors;
             OK(relight_colors_end(client, id[i], &colors, &error));
             assert_int_equal(colors.cost.shared > MOST && small, 0);
+            assert_true(colors.cost.shared > 0);
+            n_shared += colors.cost.shared > 1;
             memcpy(answer[small][i], colors.data, sizeof answer[small][i]);
             relight_colors_finish(&colors);
         }
+        print_message("%d of %d lights shared a pass\n", n_shared, N);
+        assert_true(n_shared <= metric(client, "relightd_relights_shared_total"));
         end_client(client);
     }
     assert_same_colors(answer[0][0], answer[1][0], N * OCTAHEDRON_VERTICES);
