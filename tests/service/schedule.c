@@ -157,6 +157,32 @@ static void pump(struct stream *s, int ms)
     }
 }
 
+// A request whose own work waits behind others' is cancelled: that work is withdrawn.
+static void test_cancelled_order_is_withdrawn(void **state)
+{
+    struct frames *f = frames_open(&d), *other = frames_open(&d), *watch = frames_open(&d);
+    Relight__GeometryRequest ask = RELIGHT__GEOMETRY_REQUEST__INIT;
+    Relight__CancelRequest cancel = RELIGHT__CANCEL_REQUEST__INIT;
+    for (unsigned i = 0; i < PICTURES; i++)
+        add_picture(f, 1 + i, 20000 + i, 700, RELIGHT__PRIORITY__PRIORITY_DEFAULT);
+    frames_send(f);
+    while (metric_of(watch, "relightd_work_waiting") < 4) sleep_ms(2);
+    double before = metric_of(watch, "relightd_work_withdrawn_total");
+    ask.model = model;
+    ask.coarse = true;
+    cancel.id = 1;
+    frames_add(other, RELIGHT_TYPE_GEOMETRY, 1, &ask.base, NULL, 0);
+    frames_add(other, RELIGHT_TYPE_CANCEL, 2, &cancel.base, NULL, 0);
+    frames_send(other);
+    assert_int_equal(frames_wait(other, 2).code, 0);
+    double withdrawn = metric_of(watch, "relightd_work_withdrawn_total") - before;
+    assert_true(withdrawn == 1);
+    frames_close(f);
+    while (metric_of(watch, "relightd_work_waiting") > 0) sleep_ms(20);
+    frames_close(other);
+    frames_close(watch);
+}
+
 static unsigned count_in_log(const char *word)
 {
     unsigned n = 0;
@@ -512,6 +538,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_cancelled_work_never_runs),
+        cmocka_unit_test(test_cancelled_order_is_withdrawn),
         cmocka_unit_test(test_cancelled_images_are_not_decoded),
         cmocka_unit_test(test_cancelled_previews_are_not_read),
         cmocka_unit_test(test_greedy_and_modest),
