@@ -436,7 +436,8 @@ static void colours_keep_the_variance(void **state)
     for (int k = 0; k < 2; k++) {
         if (k) {
             s.mesh.color = calloc(s.mesh.n_vertex, sizeof *s.mesh.color);
-            for (uint32_t i = 0; i < 4 * s.mesh.n_vertex; i++) s.mesh.color[0][i] = 0.5f;
+            for (uint32_t i = 0; i < 4 * s.mesh.n_vertex; i++)
+                s.mesh.color[i / 4][i % 4] = 0.5f;
         }
         vis[k] = see(&s, &c, 32, 32, 8);
         prt_visibility_gbuffer(vis[k], &g[k]);
@@ -465,7 +466,7 @@ static void emission_is_added(void **state)
     prt_surface_maps_default(&maps);
     s.mesh.maps = &maps;
     s.mesh.color = calloc(4, sizeof *s.mesh.color);
-    for (int i = 0; i < 16; i++) s.mesh.color[0][i] = 0.5f;
+    for (int i = 0; i < 16; i++) s.mesh.color[i / 4][i % 4] = 0.5f;
     for (int k = 0; k < 2; k++) {
         if (k) memcpy(maps.emissive, emissive, sizeof emissive);
         struct prt_visibility *vis = see(&s, &c, 16, 16, 1);
