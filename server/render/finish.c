@@ -108,7 +108,8 @@ static int run_colors(struct render *r, const struct prt_context *ctx)
     }
     free(mixed);
     r->result.encode_ms = (float)((prt_time_s() - start) * 1e3);
-    own_payload(r, bytes, n * plane, prt_free);
+    if (status) prt_free(bytes); // no answer takes the payload of a failed result
+    else own_payload(r, bytes, n * plane, prt_free);
     return status;
 }
 
