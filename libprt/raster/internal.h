@@ -47,10 +47,11 @@ struct tone_curve {
     const uint8_t *table;
     const uint16_t *fine; /* of prt_tone_map_fine */
     float scale;
+    /* n values in 8 bits by the fastest instructions of the context */
+    void (*values)(const struct tone_curve *tone, const float *in, size_t n, uint8_t *out);
 };
 int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float exposure_ev,
                    struct tone_curve *out);
-void prt_tone_values(const struct tone_curve *tone, const float *in, size_t n, uint8_t *out);
 
 struct prt_visibility {
     struct prt_camera camera;

@@ -14,6 +14,8 @@ enum { PACKED_FLOATS = 12 }; // of a vertex: four planes of red, of green, of bl
 typedef float four __attribute__((vector_size(16)));
 typedef int four_bits __attribute__((vector_size(16)));
 typedef float loose_four __attribute__((vector_size(16), aligned(4), may_alias));
+typedef float eight __attribute__((vector_size(32)));
+typedef float loose_eight __attribute__((vector_size(32), aligned(4), may_alias));
 
 // A cube with or without borders, as the kernel reads it; offsets in floats.
 struct cube_view {
@@ -76,7 +78,7 @@ static int shade_rows(void *arg, size_t begin, size_t end, unsigned worker)
     const size_t n = (size_t)3 * job->width;
     for (size_t y = begin; y < end; y++) {
         job->row(job, (uint32_t)y, job->rgb8 ? one : job->rgb + y * n);
-        if (job->rgb8) prt_tone_values(&job->tone, one, n, job->rgb8 + y * n);
+        if (job->rgb8) job->tone.values(&job->tone, one, n, job->rgb8 + y * n);
     }
     return PRT_OK;
 }
@@ -213,14 +215,17 @@ struct packing {
 static int pack_planes(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct packing *p = arg;
-    for (size_t v = begin; v < end; v++)
-        for (unsigned k = 0; k < 4 * p->n_group; k++)
-            for (unsigned c = 0; c < 3; c++) {
-                const bool there = k < p->shade->n_plane;
-                const float *plane = p->shade->planes + k * p->plane_floats;
-                p->out[(v * p->n_group + k / 4) * PACKED_FLOATS + 4 * c + k % 4] =
-                    there ? plane[3 * v + c] : 0;
-            }
+    const unsigned n = p->shade->n_plane;
+    for (unsigned g = 0; g < p->n_group; g++) {
+        const float *in[4]; // behind the last plane, plane 0: harmonics() weighs it by 0
+        for (unsigned k = 0; k < 4; k++)
+            in[k] = p->shade->planes + (4 * g + k < n ? 4 * g + k : 0) * p->plane_floats;
+        for (size_t v = begin; v < end; v++) {
+            float *out = p->out + (v * p->n_group + g) * PACKED_FLOATS;
+            for (size_t i = 3 * v; i < 3 * v + 3; i++, out += 4)
+                *(loose_four *)out = (four){in[0][i], in[1][i], in[2][i], in[3][i]};
+        }
+    }
     return PRT_OK;
 }
 

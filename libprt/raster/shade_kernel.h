@@ -305,16 +305,21 @@ static void PRT_KERNEL(add_packed)(const struct shade_job *job, size_t at, int n
         const float b0 = 1 - w1[i] - w2[i], b1 = w1[i], b2 = w2[i];
         const float *p0 = job->packed + step * v0[i], *p1 = job->packed + step * v1[i],
                     *p2 = job->packed + step * v2[i];
-        four sum[3] = {{0}};
-        for (unsigned k = 0; k < job->n_group; k++) {
+        eight red_green = {0};
+        four blue = {0};
+        for (unsigned k = 0; k < job->n_group; k++, p0 += 12, p1 += 12, p2 += 12) {
             const four weight = PRT_KERNEL(load4)(y[k][i]);
-            for (int c = 0; c < 3; c++, p0 += 4, p1 += 4, p2 += 4) {
-                four one = b0 * PRT_KERNEL(load4)(p0);
-                one += b1 * PRT_KERNEL(load4)(p1);
-                one += b2 * PRT_KERNEL(load4)(p2);
-                sum[c] += weight * one;
-            }
+            eight one = b0 * *(const loose_eight *)p0;
+            four last = b0 * PRT_KERNEL(load4)(p0 + 8);
+            one += b1 * *(const loose_eight *)p1;
+            last += b1 * PRT_KERNEL(load4)(p1 + 8);
+            one += b2 * *(const loose_eight *)p2;
+            last += b2 * PRT_KERNEL(load4)(p2 + 8);
+            red_green += __builtin_shufflevector(weight, weight, 0, 1, 2, 3, 0, 1, 2, 3) * one;
+            blue += weight * last;
         }
+        const four sum[3] = {__builtin_shufflevector(red_green, red_green, 0, 1, 2, 3),
+                             __builtin_shufflevector(red_green, red_green, 4, 5, 6, 7), blue};
         /* the sum of each of the three, by transposing */
         const four none = {0, 0, 0, 0};
         four low = __builtin_shufflevector(sum[0], sum[1], 0, 4, 1, 5) +
@@ -369,13 +374,15 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     four mirrored[LANES];
     PRT_KERNEL(view_terms)(job, at, n, &v);
     const uint8_t *opaque = job->g->opaque + at;
+    uint8_t any_opaque = 0;
+    for (int i = 0; i < n; i++) any_opaque |= opaque[i];
     if (job->radiance) {
         const float(*given)[3] = job->radiance + at;
         for (int i = 0; i < n; i++) rgb[i] = (four){given[i][0], given[i][1], given[i][2], 0};
     } else {
         float y[4][LANES][4];
         if (job->n_plane > 1) PRT_KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
-        for (unsigned k = 1; k < job->n_plane; k++)
+        for (unsigned k = 1; any_opaque && k < job->n_plane; k++)
             for (int i = 0; i < n; i++) y[k / 4][i][k % 4] *= opaque[i] ? 0 : 1;
         if (job->packed) PRT_KERNEL(add_packed)(job, at, n, y, rgb);
         else PRT_KERNEL(add_planes)(job, at, n, y, rgb);
@@ -399,8 +406,9 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     if (job->g->base[0] || job->g->occlusion) PRT_KERNEL(apply_look)(job, at, n, rgb, mirrored);
     float leaves[LANES];
     PRT_KERNEL(gather)(job, job->exit, at, n, leaves);
-    for (int i = 0; i < n; i++) {
-        leaves[i] = leaves[i] > 0 && !opaque[i] ? leaves[i] * v.transmit[i] : 1;
+    for (int i = 0; i < n; i++) leaves[i] = leaves[i] > 0 ? leaves[i] * v.transmit[i] : 1;
+    for (int i = 0; any_opaque && i < n; i++) {
+        leaves[i] = opaque[i] ? 1 : leaves[i];
         v.mirror[i] = opaque[i] ? 0 : v.mirror[i];
     }
     for (int i = 0; i < n; i++) {

@@ -2,6 +2,8 @@
 // Tone curves and sRGB encoding: one table look-up for each value, indexed by the float's bits.
 #include "internal.h"
 
+#include "base/isa.h"
+
 #include <math.h>
 #include <pthread.h>
 #include <string.h>
@@ -55,6 +57,11 @@ static void make_tables(void)
     }
 }
 
+enum { TOGETHER = 256 }; // values whose indices are computed before one is looked up
+
+#define PRT_KERNEL_FILE "raster/tone_kernel.h"
+#include "base/isa_each.h"
+
 int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float exposure_ev,
                    struct tone_curve *out)
 {
@@ -65,49 +72,13 @@ int prt_tone_curve(const struct prt_context *ctx, enum prt_tone tone, float expo
         return prt_fail(ctx, PRT_ARG, "exposure %g EV is outside [-64,64]",
                         (double)exposure_ev);
     pthread_once(&once, make_tables);
-    *out = (struct tone_curve){table[tone], fine[tone], exp2f(exposure_ev)};
+    *out = (struct tone_curve){table[tone], fine[tone], exp2f(exposure_ev), tone_values_c};
+#if PRT_ISA_X86
+    const unsigned cpu = ctx ? ctx->cpu : prt_cpu_detect();
+    if (cpu & PRT_CPU_AVX2) out->values = tone_values_avx2;
+    if (cpu & PRT_CPU_AVX512) out->values = tone_values_avx512;
+#endif
     return PRT_OK;
-}
-
-enum { TOGETHER = 256 }; // values whose indices are computed before one is looked up
-
-// Where the table has n values, n <= TOGETHER.
-static void find_entries(float scale, const float *in, int n, int32_t index[TOGETHER])
-{
-    const float lo = 0x1p-14f, hi = 0x1.fffffep11f;
-    const int32_t base = (127 + OCTAVE_LO) << STEP_BITS;
-    for (int k = 0; k < n; k++) {
-        // a comparison with NaN is false, so that NaN becomes lo, which is black
-        float x = in[k] * scale;
-        x = x > lo ? x : lo;
-        x = x < hi ? x : hi;
-        int32_t b;
-        memcpy(&b, &x, 4);
-        index[k] = (b >> SHIFT) - base;
-    }
-}
-
-// n <= TOGETHER values, eight in one store: a quarter faster than one by one.
-static void look_up(const uint8_t *curve_table, const int32_t index[TOGETHER], int n,
-                    uint8_t *out)
-{
-    int k = 0;
-    for (; k + 8 <= n; k += 8) {
-        uint8_t eight[8];
-        for (int i = 0; i < 8; i++) eight[i] = curve_table[index[k + i]];
-        memcpy(out + k, eight, sizeof eight);
-    }
-    for (; k < n; k++) out[k] = curve_table[index[k]];
-}
-
-void prt_tone_values(const struct tone_curve *tone, const float *in, size_t n, uint8_t *out)
-{
-    for (size_t i = 0; i < n; i += TOGETHER) {
-        int32_t index[TOGETHER];
-        const int m = n - i < TOGETHER ? (int)(n - i) : TOGETHER;
-        find_entries(tone->scale, in + i, m, index);
-        look_up(tone->table, index, m, out + i);
-    }
 }
 
 static void fine_values(const struct tone_curve *tone, const float *in, size_t n, uint16_t *out)
@@ -115,7 +86,7 @@ static void fine_values(const struct tone_curve *tone, const float *in, size_t n
     for (size_t i = 0; i < n; i += TOGETHER) {
         int32_t index[TOGETHER];
         const int m = n - i < TOGETHER ? (int)(n - i) : TOGETHER;
-        find_entries(tone->scale, in + i, m, index);
+        find_entries_c(tone->scale, in + i, m, index);
         for (int k = 0; k < m; k++) out[i + (size_t)k] = tone->fine[index[k]];
     }
 }
@@ -131,7 +102,7 @@ static int encode(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct job *job = arg;
     if (job->fine) fine_values(&job->curve, job->in + begin, end - begin, job->fine + begin);
-    else prt_tone_values(&job->curve, job->in + begin, end - begin, job->out + begin);
+    else job->curve.values(&job->curve, job->in + begin, end - begin, job->out + begin);
     return PRT_OK;
 }
 
