@@ -10,6 +10,9 @@
 
 #include <limits.h>
 
+/* A worker hashes so many bytes, and has them on the disk, in some 50 ms: they do not wait for
+ * background work, one piece of which may take ten seconds. */
+enum { BLOB_SMALL = 16 << 20 };
 enum { BLOB_FOLDER = 3900, BLOB_OWNER_FILE = 4096, BLOB_STEM = BLOB_HASH + 17 };
 
 struct blob_name {

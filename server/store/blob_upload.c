@@ -419,7 +419,10 @@ static void advance(struct upload *u)
             u->put = put;
             u->bytes = (const char *)put->bytes + known;
             u->n = put->n - known;
-            start(u, run_write, done_write, u->n <= SMALL_CHUNK && end < u->size);
+            // The last chunk also brings the whole file to the disk and to the other replicas.
+            bool ends = end == u->size;
+            bool small = u->size <= BLOB_SMALL && !u->blobs->setup.objects;
+            start(u, run_write, done_write, u->n <= SMALL_CHUNK && (!ends || small));
         }
     }
 }

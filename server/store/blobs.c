@@ -457,7 +457,7 @@ void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *wait
     blobs_path(blobs, hash, c->path, sizeof c->path);
     c->work.run = run_check;
     c->work.done = done_check;
-    c->work.class = WORK_BACKGROUND;
+    c->work.class = b->size <= BLOB_SMALL ? WORK_INTERACTIVE : WORK_BACKGROUND;
     work_submit(blobs->setup.work, &c->work);
 }
 

@@ -553,6 +553,36 @@ static void blocker_done(struct work *work)
 {
 }
 
+// A light that was dropped is there, and one of before the start is checked, while background
+// work keeps a worker for long. The other worker takes no background work then.
+static void test_small_blobs_pass_background_work(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char hash[65], bytes[5000] = "a light";
+    struct sent sent;
+    struct work blocker = {.run = run_blocker, .done = blocker_done, .class = WORK_BACKGROUND};
+    hash_of(bytes, sizeof bytes, hash);
+    assert_int_equal(sem_init(&let_go, 0, 0), 0);
+    work_submit(s.work, &blocker);
+    begin_put(&s, &sent, "ann", hash, sizeof bytes, 0, bytes, sizeof bytes);
+    for (int i = 0; i < 2000 && !sent.done; i++) loop_turn(s.loop, 10);
+    bool passed = sent.done;
+    sem_post(&let_go);
+    turn_until_idle(&s);
+    assert_true(passed && sent.put.complete);
+    reopen_store(&s); // it was not checked yet
+    struct waiter w = {.waiter.wake = woken};
+    work_submit(s.work, &blocker);
+    blobs_check(s.blobs, hash, &w.waiter);
+    for (int i = 0; i < 2000 && !w.woken; i++) loop_turn(s.loop, 10);
+    passed = w.woken;
+    sem_post(&let_go);
+    turn_until_idle(&s);
+    assert_true(passed);
+    close_store(&s);
+}
+
 // Two requests wait for one check. One leaves before it begins; the other is still woken.
 static void test_one_of_two_leaves_a_check(void **state)
 {
@@ -1058,6 +1088,7 @@ int main(void)
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_blobs_are_checked_before_first_use),
         cmocka_unit_test(test_check_without_descriptors),
+        cmocka_unit_test(test_small_blobs_pass_background_work),
         cmocka_unit_test(test_one_of_two_leaves_a_check),
         cmocka_unit_test(test_leaving_a_check_that_has_ended),
         cmocka_unit_test(test_names_and_owners),
