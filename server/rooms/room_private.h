@@ -102,6 +102,7 @@ struct room {
     bool stale;                /* the state has events that could not be written */
     bool loading;              /* until those who waited for it have been told */
     bool again_stale;          /* it is to be read once more */
+    bool spoilt;               /* room_spoil was called since the last reading ended */
     unsigned n_edit;           /* events on their way to the disk */
     struct edit *again;        /* edits that start again once it is read */
     struct room_waiter *waiters, **last_waiter;

@@ -183,7 +183,7 @@ static void tell_waiters(struct room *room, int code, const char *error)
     struct room_waiter *all = room->waiters, **last = room->last_waiter;
     room->waiters = NULL;
     room->last_waiter = &room->waiters;
-    while (all && (code || !room->stale)) {
+    while (all && (code || !room->spoilt)) {
         struct room_waiter *w = all;
         all = w->next;
         w->then(w, code ? NULL : room, code, error);
@@ -248,7 +248,7 @@ static void loaded(struct room_task *task)
     struct room *room = (struct room *)((char *)task - offsetof(struct room, load));
     room_hold(room);                 // `task` is a part of it
     room->stale = room->again_stale; // written by another replica meanwhile
-    room->again_stale = false;
+    room->again_stale = room->spoilt = false;
     if (task->status == ROOM_TASK_DONE) take_loaded(room, task);
     else if (task->status == ROOM_TASK_MISSING) {
         tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "");
@@ -278,7 +278,7 @@ static void begin_load(struct room *room)
 
 void room_spoil(struct room *room)
 {
-    room->stale = true;
+    room->stale = room->spoilt = true;
     room_packed_drop(room);
     seats_forget_state(room);
     readers_check(room);

@@ -77,7 +77,7 @@ static void ask_light(struct batch *b)
     add(b, RELIGHT_TYPE_LIST, &list.base, NULL, 0);
 }
 
-// The octahedron, moved: its picture waits for the pose.
+// The octahedron, moved: as a pose and as the model's own vertices.
 static void ask_pose(struct batch *b)
 {
     Relight__PutPoseRequest pose = RELIGHT__PUT_POSE_REQUEST__INIT;
