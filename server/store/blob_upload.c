@@ -283,6 +283,23 @@ static void drop_others(struct blobs *blobs, const char *hash)
     put_again(queue);
 }
 
+// Where another upload of the same blob named the file and its worker's result has yet to be
+// taken: the chunk waits there, and the blob is that one's. False if there is none.
+static bool waits_for_first(struct upload *u, struct blob_put *put)
+{
+    struct upload *other =
+        u->first_of_all || blob_find(u->blobs, u->hash) ? NULL : u->blobs->uploads;
+    while (other && (!other->running || other->unnamed || strcmp(other->hash, u->hash) ||
+                     other->size != u->size || other->received + other->n != u->size))
+        other = other->next;
+    if (!other) return false;
+    put->next = u->first;
+    *other->last = put;
+    while (*other->last) other->last = &(*other->last)->next;
+    free_upload(u, false);
+    return true;
+}
+
 static void arrived(struct upload *u, struct blob_put *put)
 {
     struct blobs *blobs = u->blobs;
@@ -294,6 +311,7 @@ static void arrived(struct upload *u, struct blob_put *put)
         strcpy(put->hash, u->found);
         put->unnamed = false;
     }
+    if (waits_for_first(u, put)) return;
     strcpy(hash, u->hash); // the answer frees the put
     struct blob *b = NULL;
     if (!blob_find(blobs, u->hash))
