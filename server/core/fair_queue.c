@@ -9,7 +9,7 @@
 
 enum { MANY_FLOWS = 256 };
 // Chosen, not measured: a still waits for one or two frames, bulk work for seconds of them.
-const uint64_t fair_head_start_ns[WORK_N_CLASS] = {0, 50000000, 2000000000};
+const uint64_t fair_head_start_ns[WORK_N_CLASS] = {0, 50000000, 2000000000, 2000000000};
 
 void fair_finish(struct fair_queue *q)
 {
@@ -78,9 +78,10 @@ void fair_push(struct fair_queue *q, struct fair_flow *f, struct fair_item *item
     q->n_waiting++;
 }
 
-static struct fair_item *best_of(const struct fair_flow *f, bool no_background)
+// Classes from `first` to before `end`.
+static struct fair_item *best_of(const struct fair_flow *f, int first, int end)
 {
-    for (int c = 0; c < (no_background ? WORK_BACKGROUND : WORK_N_CLASS); c++)
+    for (int c = first; c < end; c++)
         if (f->first[c]) return f->first[c];
     return NULL;
 }
@@ -105,22 +106,33 @@ bool fair_remove(struct fair_queue *q, struct fair_item *item)
     return true;
 }
 
-struct fair_item *fair_pop(struct fair_queue *q, bool no_background)
+static struct fair_item *pop(struct fair_queue *q, int first, int end)
 {
     struct fair_item *best = NULL;
     for (struct fair_flow *f = q->flow; f; f = f->next) {
-        struct fair_item *item = f->n_waiting ? best_of(f, no_background) : NULL;
+        struct fair_item *item = f->n_waiting ? best_of(f, first, end) : NULL;
         if (item && (!best || rank(f, item) < rank(best->flow, best))) best = item;
     }
     if (!best) return NULL;
     struct fair_flow *f = best->flow;
     fair_remove(q, best);
     best->flow = f;
-    best->advance_ns = f->name[0] ? f->mean_ns : 0;
+    best->advance_ns = f->name[0] && first < WORK_ASIDE ? f->mean_ns : 0;
     f->n_running++;
-    if (f->name[0] && f->virtual_ns > q->virtual_ns) q->virtual_ns = f->virtual_ns;
+    if (f->name[0] && first < WORK_ASIDE && f->virtual_ns > q->virtual_ns)
+        q->virtual_ns = f->virtual_ns;
     f->virtual_ns += best->advance_ns;
     return best;
+}
+
+struct fair_item *fair_pop(struct fair_queue *q, bool no_background)
+{
+    return pop(q, WORK_INTERACTIVE, no_background ? WORK_BACKGROUND : WORK_ASIDE);
+}
+
+struct fair_item *fair_pop_aside(struct fair_queue *q)
+{
+    return pop(q, WORK_ASIDE, WORK_N_CLASS);
 }
 
 void fair_ended(struct fair_queue *q, struct fair_item *item, uint64_t cost_ns,
@@ -134,7 +146,7 @@ void fair_ended(struct fair_queue *q, struct fair_item *item, uint64_t cost_ns,
         struct fair_flow *f = n ? share[i] : own;
         uint64_t part = cost_ns / (n ? n : 1);
         f->used_ns += part;
-        if (!f->name[0]) continue;
+        if (!f->name[0] || item->class == WORK_ASIDE) continue;
         f->virtual_ns += part;
         f->mean_ns = f->mean_ns ? f->mean_ns - f->mean_ns / 8 + part / 8 : part;
     }

@@ -19,7 +19,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum work_class { WORK_INTERACTIVE, WORK_STILL, WORK_BACKGROUND, WORK_N_CLASS };
+/* WORK_ASIDE: minutes of work that no request waits for. Only its own thread takes it. */
+enum work_class { WORK_INTERACTIVE, WORK_STILL, WORK_BACKGROUND, WORK_ASIDE, WORK_N_CLASS };
 extern const uint64_t fair_head_start_ns[WORK_N_CLASS];
 
 struct fair_flow;
@@ -52,12 +53,16 @@ struct fair_flow *fair_flow(struct fair_queue *queue, const char *name);
 /* Of a flow and priority the one that began first goes first: the last step of an evaluation is
  * not behind the first steps of those that came later. */
 void fair_push(struct fair_queue *queue, struct fair_flow *flow, struct fair_item *item);
-/* The item to run next; no_background: other classes only. NULL: none. */
+/* The item to run next, of every class but WORK_ASIDE; no_background: nor of that. NULL: none.
+ */
 struct fair_item *fair_pop(struct fair_queue *queue, bool no_background);
+/* The item of WORK_ASIDE to run next. */
+struct fair_item *fair_pop_aside(struct fair_queue *queue);
 /* Takes an item out that waits; false: it does not wait (any more). */
 bool fair_remove(struct fair_queue *queue, struct fair_item *item);
 /* An item that was popped has ended after this many thread-nanoseconds. share[n]: the flows
- * that pay equal parts; NULL: its own pays all. */
+ * that pay equal parts; NULL: its own pays all. WORK_ASIDE counts as used and moves no virtual
+ * time: it takes what the others leave. */
 void fair_ended(struct fair_queue *queue, struct fair_item *item, uint64_t cost_ns,
                 struct fair_flow *const *share, unsigned n);
 

@@ -9,20 +9,23 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
+#include <unistd.h>
 
 struct work_pool {
     struct loop *loop;
     struct prt_pool *cores;
     unsigned cpu;
     pthread_mutex_t lock;
-    pthread_cond_t more;
+    pthread_cond_t more, more_aside;
     struct fair_queue queue;
     uint64_t all_ns, n_withdrawn;
     struct work_actor actor;         // loop thread only
     size_t n_open;                   // loop thread only
     unsigned n_thread, n_background; // running background work
-    bool stopping;
+    bool stopping, has_aside;
+    pthread_t aside; // runs WORK_ASIDE
     pthread_t thread[];
 };
 
@@ -36,10 +39,11 @@ void work_keep_error(void *user, enum prt_log_level level, const char *line)
     }
 }
 
-static struct work *take(struct work_pool *pool)
+static struct work *take(struct work_pool *pool, bool aside)
 {
     bool full = pool->n_thread > 1 && pool->n_background + 1 >= pool->n_thread;
-    struct fair_item *item = fair_pop(&pool->queue, full);
+    struct fair_item *item =
+        aside ? fair_pop_aside(&pool->queue) : fair_pop(&pool->queue, full);
     return item ? (struct work *)((char *)item - offsetof(struct work, item)) : NULL;
 }
 
@@ -65,7 +69,7 @@ static uint64_t run(struct work_pool *pool, struct work *work)
     ctx.log_user = work;
     ctx.progress = poll_unwanted;
     ctx.progress_user = work;
-    ctx.pool = pool->cores;
+    ctx.pool = work->item.class == WORK_ASIDE ? NULL : pool->cores;
     ctx.helpers_ns = &helpers_ns;
     ctx.cpu = pool->cpu;
     work->error[0] = 0;
@@ -86,14 +90,13 @@ static void charge(struct work_pool *pool, struct work *work, uint64_t cost_ns)
     fair_ended(&pool->queue, &work->item, cost_ns, n ? share : NULL, n);
 }
 
-static void *worker(void *arg)
+static void serve(struct work_pool *pool, bool aside)
 {
-    struct work_pool *pool = arg;
     pthread_mutex_lock(&pool->lock);
     while (!pool->stopping) {
-        struct work *work = take(pool);
+        struct work *work = take(pool, aside);
         if (!work) {
-            pthread_cond_wait(&pool->more, &pool->lock);
+            pthread_cond_wait(aside ? &pool->more_aside : &pool->more, &pool->lock);
             continue;
         }
         bool background = work->item.class == WORK_BACKGROUND;
@@ -108,6 +111,18 @@ static void *worker(void *arg)
         loop_post(pool->loop, &work->message); // the work is its owner's from here on
     }
     pthread_mutex_unlock(&pool->lock);
+}
+
+static void *worker(void *arg)
+{
+    serve(arg, false);
+    return NULL;
+}
+
+static void *aside(void *arg)
+{
+    setpriority(PRIO_PROCESS, (id_t)gettid(), 19); // on Linux it is of a thread
+    serve(arg, true);
     return NULL;
 }
 
@@ -118,6 +133,7 @@ int work_pool_create(struct loop *loop, unsigned n_thread, unsigned cpu, struct 
     *pool = (struct work_pool){.loop = loop, .cpu = cpu};
     pthread_mutex_init(&pool->lock, NULL);
     pthread_cond_init(&pool->more, NULL);
+    pthread_cond_init(&pool->more_aside, NULL);
     int status = prt_pool_create(n_thread, &pool->cores);
     if (status) {
         free(pool);
@@ -127,7 +143,8 @@ int work_pool_create(struct loop *loop, unsigned n_thread, unsigned cpu, struct 
     for (; pool->n_thread < n_thread; pool->n_thread++)
         if (pthread_create(&pool->thread[pool->n_thread], NULL, worker, pool)) break;
     pthread_mutex_unlock(&pool->lock);
-    if (!pool->n_thread) {
+    pool->has_aside = !pthread_create(&pool->aside, NULL, aside, pool);
+    if (!pool->n_thread || !pool->has_aside) {
         work_pool_destroy(pool);
         return PRT_NOMEM;
     }
@@ -141,12 +158,15 @@ void work_pool_destroy(struct work_pool *pool)
     pthread_mutex_lock(&pool->lock);
     pool->stopping = true;
     pthread_cond_broadcast(&pool->more);
+    pthread_cond_broadcast(&pool->more_aside);
     pthread_mutex_unlock(&pool->lock);
+    if (pool->has_aside) pthread_join(pool->aside, NULL);
     for (unsigned i = 0; i < pool->n_thread; i++) pthread_join(pool->thread[i], NULL);
     prt_pool_destroy(pool->cores);
     fair_finish(&pool->queue);
     pthread_mutex_destroy(&pool->lock);
     pthread_cond_destroy(&pool->more);
+    pthread_cond_destroy(&pool->more_aside);
     free(pool);
 }
 
@@ -192,7 +212,7 @@ void work_submit(struct work_pool *pool, struct work *work)
     if (!flow) flow = fair_flow(&pool->queue, "");
     if (!flow) abort(); // the process is out of memory at its start
     fair_push(&pool->queue, flow, &work->item);
-    pthread_cond_signal(&pool->more);
+    pthread_cond_signal(work->item.class == WORK_ASIDE ? &pool->more_aside : &pool->more);
     pthread_mutex_unlock(&pool->lock);
 }
 

@@ -90,7 +90,7 @@ static void equal_shares(void **data)
 // A greedy interactive flow does not starve a modest one's stills or bulk work.
 static void priorities_do_not_starve(void **data)
 {
-    for (int c = WORK_INTERACTIVE; c < WORK_N_CLASS; c++) {
+    for (int c = WORK_INTERACTIVE; c <= WORK_BACKGROUND; c++) {
         double s = share_of_greedy(5000000, 5000000, 200, WORK_INTERACTIVE, (enum work_class)c);
         assert_true(s < 0.6);
     }
@@ -160,6 +160,22 @@ static void shares_are_split(void **data)
     memset(taken, 0, sizeof taken);
 }
 
+// Work aside is counted and moves no virtual time: it took what the others left.
+static void aside_is_not_charged(void **data)
+{
+    struct fair_queue q = {0};
+    add(&q, "a", WORK_ASIDE);
+    assert_null(fair_pop(&q, false));
+    struct fair_item *item = fair_pop_aside(&q);
+    struct fair_flow *f = item->flow;
+    fair_ended(&q, item, 5000, NULL, 0);
+    assert_int_equal(f->used_ns, 5000);
+    assert_int_equal(f->virtual_ns, 0);
+    assert_int_equal(f->mean_ns, 0);
+    fair_finish(&q);
+    memset(taken, 0, sizeof taken);
+}
+
 // Random pushes, pops and removals: every item comes out once, counts stay right, no flow's
 // virtual time goes back behind the one that was served.
 static void random_operations(void **data)
@@ -179,7 +195,9 @@ static void random_operations(void **data)
             drop(waiting[i]);
             waiting[i] = waiting[--n];
         } else if (what == 2 && n_running < 8) {
-            struct fair_item *item = fair_pop(&q, rnd(2));
+            bool aside = !rnd(4);
+            struct fair_item *item = aside ? fair_pop_aside(&q) : fair_pop(&q, rnd(2));
+            assert_true(!item || aside == (item->class == WORK_ASIDE));
             unsigned i = 0;
             while (item && i < n && waiting[i] != item) i++;
             if (!item) continue;
@@ -193,7 +211,7 @@ static void random_operations(void **data)
         assert_int_equal(q.n_waiting, n);
     }
     while (n_running) fair_ended(&q, running[--n_running], 1, NULL, 0);
-    while (fair_pop(&q, false)) n--;
+    while (fair_pop(&q, false) || fair_pop_aside(&q)) n--;
     assert_int_equal(n, 0);
     fair_finish(&q);
     memset(taken, 0, sizeof taken);
@@ -249,6 +267,7 @@ int main(void)
         cmocka_unit_test(priorities),
         cmocka_unit_test(idleness_is_forgotten),
         cmocka_unit_test(shares_are_split),
+        cmocka_unit_test(aside_is_not_charged),
         cmocka_unit_test(random_operations),
         cmocka_unit_test(what_was_used_is_paid),
         cmocka_unit_test(what_began_first_goes_first),

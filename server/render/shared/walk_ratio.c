@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The ratio of walks to the dipole by which previews are scaled: computed once for a model and
-// its media, in the background, on one worker. Pictures do not wait for it.
+// its media, on the thread for work aside. Pictures do not wait for it.
 #include "render/evaluation.h"
 #include "render/shared/cache_compute.h"
 
@@ -37,7 +37,6 @@ static int run(struct cache_job *job, const struct prt_context *shared)
     const struct prt_scene *scene;
     struct walk_ratio *w = job->value = calloc(1, sizeof *w);
     if (!w) return PRT_NOMEM;
-    ctx.pool = NULL; // the other threads stay free for pictures
     ctx.progress = is_unwanted;
     ctx.progress_user = own;
     int status = shape_scene(&ctx, shape, &scene);
@@ -65,7 +64,7 @@ static void done(struct cache_job *job)
 }
 
 static const struct cache_job_kind kind = {.size = sizeof(struct ratio_job),
-                                           .class = WORK_BACKGROUND,
+                                           .class = WORK_ASIDE,
                                            .run = run,
                                            .destroy = destroy,
                                            .done = done,
