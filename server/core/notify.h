@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* notify.h owns messages to the service manager (sd_notify(3)): ready, reloading, stopping, a
- * line of status, and the watchdog. Without $NOTIFY_SOCKET they go nowhere. Loop thread only.
- */
+ * line of status, and the watchdog. Without $NOTIFY_SOCKET they go nowhere. None waits
+ * for the manager to read: states are sent again until it takes them. Loop thread only. */
 #ifndef RELIGHTD_NOTIFY_H
 #define RELIGHTD_NOTIFY_H
 

@@ -41,16 +41,8 @@ class Notify:
                 return found
 
     def wait_exit(self, process, seconds=30):
-        """The status of the process; its messages are read until then: a full queue would block it."""
-        end = time.monotonic() + seconds
-        self.socket.settimeout(0.1)
-        while process.poll() is None:
-            assert time.monotonic() < end, "the daemon does not end"
-            try:
-                self.socket.recv(4096)
-            except socket.timeout:
-                pass
-        return process.returncode
+        """The status of the process, which ends whether its messages are read or not."""
+        return process.wait(seconds)
 
     def close(self):
         self.socket.close()
@@ -258,6 +250,28 @@ def messages_to_the_service_manager(binaries):
         notify.close()
 
 
+def a_manager_that_does_not_read(binaries):
+    """The loop goes on, and what the manager must know comes when it reads."""
+    notify = Notify()
+    d = Daemon(binaries, environment={"NOTIFY_SOCKET": notify.path, "WATCHDOG_USEC": "20000"})
+    try:
+        for _ in range(3):
+            time.sleep(0.5)  # of which a tenth fills the queue
+            assert d.ask("GET", "/healthz")[0] == 200
+        d.process.send_signal(signal.SIGHUP)
+        d.wait_log("reload done changed=0 needs_restart=0")
+        notify.wait("^READY=1$")
+        notify.wait("^RELOADING=1$")
+        notify.wait("^READY=1$")
+        notify.wait("^WATCHDOG=1$")
+        time.sleep(0.5)
+        d.process.send_signal(signal.SIGTERM)
+        assert notify.wait_exit(d.process) == 0
+    finally:
+        d.end()
+        notify.close()
+
+
 def goaway_and_a_second_signal(binaries):
     d = Daemon(binaries, "--lame-duck", "60", "--drain", "60")
     try:
@@ -305,6 +319,7 @@ def main():
     run([metrics_have_the_format, readiness_follows_the_data_folder, an_id_goes_from_arrival_to_children],
         lambda: Daemon(binaries, "--log", "trace"))
     for test in (a_child_has_the_id, log_formats, messages_to_the_service_manager,
+                 a_manager_that_does_not_read,
                  goaway_and_a_second_signal, what_cannot_be_reloaded_is_said):
         print("    " + test.__name__.replace("_", " "), flush=True)
         test(binaries)
