@@ -21,10 +21,10 @@ typedef float loose_eight __attribute__((vector_size(32), aligned(4), may_alias)
 struct cube_view {
     const float *texel;
     int n, border, texel_floats, row, face;
-    int last, top; // largest x0; largest x0 that has a right neighbour
+    int last; // largest column that has a right neighbour
 };
 struct lookup {
-    int i00[LANES], i10[LANES], i01[LANES], i11[LANES];
+    int first[LANES]; // of four texels
     float fx[LANES], fy[LANES];
 };
 struct view_terms {
@@ -86,13 +86,13 @@ static int shade_rows(void *arg, size_t begin, size_t end, unsigned worker)
 static struct cube_view view_bordered(const struct border_cube *c)
 {
     int m = (int)c->n + 2;
-    return (struct cube_view){c->texel, (int)c->n, 1, 4, 4 * m, 4 * m * m, m - 2, m - 1};
+    return (struct cube_view){c->texel, (int)c->n, 1, 4, 4 * m, 4 * m * m, m - 2};
 }
 
 static struct cube_view view_plain(const struct prt_cube *c)
 {
     int n = (int)c->n;
-    return (struct cube_view){c->texel, n, 0, 3, 3 * n, 3 * n * n, n - 1, n - 1};
+    return (struct cube_view){c->texel, n, 0, 3, 3 * n, 3 * n * n, n - 2};
 }
 
 // Signs of prt_sh_eval's harmonics relative to the kernel's, found at one direction where none

@@ -2,13 +2,13 @@
 /* Shading of up to LANES points or pixels: plain loops that the compiler vectorises. Included
  * by shade.c once for each instruction set, in its region of base/isa.h. */
 
-/* Bilinear look-up of n directions: offsets of four texels and fractions. */
+/* Bilinear look-up of n directions: the offset of the first of four texels, and fractions. */
 static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n,
                                     const float *restrict dx, const float *restrict dy,
                                     const float *restrict dz, struct lookup *restrict at)
 {
     const float half = 0.5f * (float)cube->n, centre = half - 0.5f + (float)cube->border;
-    const int row = cube->row, hi = cube->last, top = cube->top;
+    const int row = cube->row, hi = cube->last;
     const int texel_floats = cube->texel_floats, face_floats = cube->face;
     for (int i = 0; i < n; i++) {
         float x = dx[i], y = dy[i], z = dz[i];
@@ -30,14 +30,11 @@ static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n,
         int x0 = (int)px, y0 = (int)py;
         x0 = x0 > hi ? hi : x0;
         y0 = y0 > hi ? hi : y0;
-        int right = (x0 < top) * texel_floats, down = (y0 < top) * row;
-        at->fx[i] = px - (float)x0;
-        at->fy[i] = py - (float)y0;
-        int base = face * face_floats + y0 * row + x0 * texel_floats;
-        at->i00[i] = base;
-        at->i10[i] = base + right;
-        at->i01[i] = base + down;
-        at->i11[i] = base + right + down;
+        /* behind the last pair of texels the second of them */
+        float fx = px - (float)x0, fy = py - (float)y0;
+        at->fx[i] = fx < 1 ? fx : 1;
+        at->fy[i] = fy < 1 ? fy : 1;
+        at->first[i] = face * face_floats + y0 * row + x0 * texel_floats;
     }
 }
 
@@ -56,73 +53,84 @@ static inline __attribute__((always_inline)) four PRT_KERNEL(load4)(const float 
     return *(const loose_four *)p;
 }
 
-/* Writes three floats; with `more` a fourth, which the caller overwrites later. */
-static inline __attribute__((always_inline)) void PRT_KERNEL(store3)(float *to, four value,
-                                                                     bool more)
+static inline __attribute__((always_inline)) void PRT_KERNEL(store3)(float *to, four value)
 {
-    if (more) {
-        *(loose_four *)to = value;
-        return;
-    }
     to[0] = value[0];
     to[1] = value[1];
     to[2] = value[2];
 }
 
-/* Bilinear mean of texels of four floats. */
-static inline __attribute__((always_inline)) four
-PRT_KERNEL(fetch4)(const float *texel, const struct lookup *at, int i)
-{
-    float fx = at->fx[i], fy = at->fy[i];
-    float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
-    four sum = w00 * PRT_KERNEL(load4)(texel + at->i00[i]);
-    sum += w10 * PRT_KERNEL(load4)(texel + at->i10[i]);
-    sum += w01 * PRT_KERNEL(load4)(texel + at->i01[i]);
-    return sum + w11 * PRT_KERNEL(load4)(texel + at->i11[i]);
-}
-
-/* a b + c, in one rounding where the instruction set has that. */
-static inline __attribute__((always_inline)) four PRT_KERNEL(add_product)(float a, four b,
-                                                                          four c)
+/* a + t (b - a), in one rounding where the instruction set has that. */
+static inline __attribute__((always_inline)) four PRT_KERNEL(mix4)(four a, four b, float t)
 {
 #if PRT_ISA_LANES > 4
-    return (four)_mm_fmadd_ps(_mm_set1_ps(a), (__m128)b, (__m128)c);
+    return (four)_mm_fmadd_ps(_mm_set1_ps(t), (__m128)(b - a), (__m128)a);
 #else
-    return a * b + c;
+    return a + t * (b - a);
 #endif
 }
 
-/* The same of texels of three floats. `whole`: a fourth can be read behind each. */
-static inline __attribute__((always_inline)) four PRT_KERNEL(fetch3)(const float *texel,
-                                                                     const struct lookup *at,
-                                                                     int i, size_t last,
-                                                                     const bool whole)
+/* The same in place, of eight: a value of eight is no parameter where registers hold four. */
+static inline __attribute__((always_inline)) void PRT_KERNEL(mix8)(eight *a, const eight *b,
+                                                                   float t)
 {
-    float fx = at->fx[i], fy = at->fy[i];
-    float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
-    if (whole) last = SIZE_MAX;
-    four sum = w00 * PRT_KERNEL(load3)(texel, (size_t)at->i00[i], last);
-    sum = PRT_KERNEL(add_product)(w10, PRT_KERNEL(load3)(texel, (size_t)at->i10[i], last), sum);
-    sum = PRT_KERNEL(add_product)(w01, PRT_KERNEL(load3)(texel, (size_t)at->i01[i], last), sum);
-    return PRT_KERNEL(add_product)(w11, PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last),
-                                   sum);
+#if PRT_ISA_LANES > 4
+    *a = (eight)_mm256_fmadd_ps(_mm256_set1_ps(t), (__m256)(*b - *a), (__m256)*a);
+#else
+    *a += t * (*b - *a);
+#endif
+}
+
+/* Two texels of four floats side by side, between their row and the next. */
+static inline __attribute__((always_inline)) void
+PRT_KERNEL(column8)(const float *texel, int row, float fy, eight *out)
+{
+    const eight below = *(const loose_eight *)(texel + row);
+    *out = *(const loose_eight *)texel;
+    PRT_KERNEL(mix8)(out, &below, fy);
+}
+
+/* Between the two. */
+static inline __attribute__((always_inline)) four PRT_KERNEL(across)(const eight *pair,
+                                                                     float fx)
+{
+    return PRT_KERNEL(mix4)(__builtin_shufflevector(*pair, *pair, 0, 1, 2, 3),
+                            __builtin_shufflevector(*pair, *pair, 4, 5, 6, 7), fx);
+}
+
+/* Bilinear mean of texels of three floats. Of a load that begins behind `last` only three. */
+static inline __attribute__((always_inline)) four
+PRT_KERNEL(fetch3)(const float *texel, size_t at, size_t row, float fx, float fy, size_t last)
+{
+    four left = PRT_KERNEL(mix4)(PRT_KERNEL(load3)(texel, at, last),
+                                 PRT_KERNEL(load3)(texel, at + row, last), fy);
+    four right = PRT_KERNEL(mix4)(PRT_KERNEL(load3)(texel, at + 3, last),
+                                  PRT_KERNEL(load3)(texel, at + row + 3, last), fy);
+    return PRT_KERNEL(mix4)(left, right, fx);
 }
 
 static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
                                    const struct lookup *restrict at, four *restrict rgb)
 {
     const float *texel = cube->texel;
-    const int last = 6 * cube->face - 4;
-    int most = 0; /* the last of the four texels is behind the others */
-    for (int i = 0; i < n; i++) most = at->i11[i] > most ? at->i11[i] : most;
+    const int row = cube->row, last = 6 * cube->face - 4;
+    int most = 0;
+    for (int i = 0; i < n; i++) most = at->first[i] > most ? at->first[i] : most;
     if (cube->texel_floats == 4) {
-        for (int i = 0; i < n; i++) rgb[i] = PRT_KERNEL(fetch4)(texel, at, i);
-    } else if (most <= last) {
-        for (int i = 0; i < n; i++) rgb[i] = PRT_KERNEL(fetch3)(texel, at, i, 0, true);
-    } else {
-        for (int i = 0; i < n; i++)
-            rgb[i] = PRT_KERNEL(fetch3)(texel, at, i, (size_t)last, false);
+        for (int i = 0; i < n; i++) {
+            eight pair;
+            PRT_KERNEL(column8)(texel + at->first[i], row, at->fy[i], &pair);
+            rgb[i] = PRT_KERNEL(across)(&pair, at->fx[i]);
+        }
+        return;
     }
+    const bool whole = most + row + 3 <= last; /* all loads may be of four */
+    for (int i = 0; whole && i < n; i++)
+        rgb[i] = PRT_KERNEL(fetch3)(texel, (size_t)at->first[i], (size_t)row, at->fx[i],
+                                    at->fy[i], SIZE_MAX);
+    for (int i = 0; !whole && i < n; i++)
+        rgb[i] = PRT_KERNEL(fetch3)(texel, (size_t)at->first[i], (size_t)row, at->fx[i],
+                                    at->fy[i], (size_t)last);
 }
 
 /* A value of the blocks that n points lie in. */
@@ -230,10 +238,13 @@ static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int
         by[i] = (int)specular_level(rough, &share[i]) * job->level_floats;
     }
     for (int i = 0; i < n; i++) {
-        const float *low = job->specular->texel + by[i];
-        four a = PRT_KERNEL(fetch4)(low, look, i);
-        four b = PRT_KERNEL(fetch4)(low + job->level_floats, look, i);
-        rgb[i] = a + share[i] * (b - a);
+        const float *low = job->specular->texel + by[i] + look->first[i];
+        const int row = job->specular->row;
+        eight a, b;
+        PRT_KERNEL(column8)(low, row, look->fy[i], &a);
+        PRT_KERNEL(column8)(low + job->level_floats, row, look->fy[i], &b);
+        PRT_KERNEL(mix8)(&a, &b, share[i]);
+        rgb[i] = PRT_KERNEL(across)(&a, look->fx[i]);
     }
 }
 
@@ -471,6 +482,20 @@ static void PRT_KERNEL(set_alpha)(const struct shade_job *job, size_t pixel, flo
     job->alpha[pixel] = 1 - left * (1 - lost);
 }
 
+/* Three floats each of n pixels side by side. */
+static inline __attribute__((always_inline)) void
+PRT_KERNEL(store_side_by_side)(float *restrict to, int n, const four *restrict rgb)
+{
+    int i = 0;
+    for (; i + 4 <= n; i += 4, to += 12) {
+        const four a = rgb[i], b = rgb[i + 1], c = rgb[i + 2], d = rgb[i + 3];
+        *(loose_four *)to = __builtin_shufflevector(a, b, 0, 1, 2, 4);
+        *(loose_four *)(to + 4) = __builtin_shufflevector(b, c, 1, 2, 4, 5);
+        *(loose_four *)(to + 8) = __builtin_shufflevector(c, d, 2, 4, 5, 6);
+    }
+    for (; i < n; i++, to += 3) PRT_KERNEL(store3)(to, rgb[i]);
+}
+
 /* Columns [from, to), which no point covers. */
 static void PRT_KERNEL(fill_gap)(const struct shade_job *job, uint32_t y, uint32_t from,
                                  uint32_t to, float *row)
@@ -481,8 +506,7 @@ static void PRT_KERNEL(fill_gap)(const struct shade_job *job, uint32_t y, uint32
         const int n = to - from < LANES ? (int)(to - from) : LANES;
         for (int i = 0; i < n; i++) x[i] = from + (uint32_t)i;
         PRT_KERNEL(behind)(job, y, n, x, rgb);
-        for (int i = 0; i < n; i++)
-            PRT_KERNEL(store3)(row + 3 * (size_t)x[i], rgb[i], x[i] + 1 < to);
+        PRT_KERNEL(store_side_by_side)(row + 3 * (size_t)from, n, rgb);
         for (int i = 0; job->alpha && i < n; i++)
             PRT_KERNEL(set_alpha)(job, (size_t)y * job->width + x[i], 1);
     }
@@ -511,7 +535,7 @@ static void PRT_KERNEL(add_edges)(const struct shade_job *job, uint32_t y,
 static void PRT_KERNEL(end_pixel)(const struct shade_job *job, uint32_t y, uint32_t x, four sum,
                                   float left, struct PRT_KERNEL(edges) * e, float *row)
 {
-    PRT_KERNEL(store3)(row + 3 * (size_t)x, sum, false);
+    PRT_KERNEL(store3)(row + 3 * (size_t)x, sum);
     if (job->alpha) PRT_KERNEL(set_alpha)(job, (size_t)y * job->width + x, left);
     if (!(left > 1e-3f)) return;
     e->x[e->n] = x;
