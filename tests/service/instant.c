@@ -73,8 +73,8 @@ static void test_a_budget_buys_samples(void **state)
         free(picture(&r, &many));
     }
     print_message("4 ms: %u samples, 1000 ms: %u\n", few.samples, many.samples);
-    assert_true(many.samples > few.samples);
-    assert_true(many.error_bound < few.error_bound);
+    assert_true(INSTRUMENTED || many.samples > few.samples); // else both may take the fewest
+    assert_true(INSTRUMENTED || many.error_bound < few.error_bound);
 }
 
 static void test_a_view_refines_and_stops(void **state)
@@ -354,7 +354,7 @@ static void test_the_first_picture_comes_soon(void **state)
     print_message("loaded in %.0f ms, seen %.0f ms later: %.0f ms\n", 1e3 * (in - begin),
                   1e3 * (end - in), 1e3 * (end - begin));
     assert_true(image.n_byte > 1000 && !memcmp(image.data, "\x89PNG", 4));
-    assert_true(end - begin < 10);
+    assert_true(INSTRUMENTED || end - begin < 10);
     relight_image_finish(&image);
     OK(relight_unload(client, loaded.model, true, NULL, &error));
     relight_loaded_finish(&loaded);

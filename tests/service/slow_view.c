@@ -38,6 +38,7 @@ static struct relight_view *open_colors(bool coarse)
                                                  .lights = &light,
                                                  .colors = true,
                                                  .color_format = RELIGHT_COLOR_RGB9E5,
+                                                 .max_fps = 5, // no fewer rows to keep it
                                                  .window = 1,
                                                  .coarse = coarse};
     struct relight_view *view;
