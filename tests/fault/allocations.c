@@ -2,36 +2,18 @@
 // Every allocation of the daemon fails once: at its start, in HELLO, uploads, LOAD, COLORS,
 // IMAGE, views and the rest. It answers with an error or closes the connection, and the next
 // request of another client is answered as if nothing had been.
-#include "room_frames.h" // before the daemon, whose name it shadows
-
-#include "faulty_daemon.h"
+#include "faulty_room.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
 
-static char model[ID_SIZE], room[33];
 static const char *scratch_name;
-// A room leaves memory with its last request.
 static const char *const options[] = {"--http", "127.0.0.1:0", "--room-idle", "0", NULL};
 
 static int setup(void **state)
 {
-    faults_setup();
-    daemon_start(&d, options);
-    struct relight_client *client = client_open(d.address);
-    bake_small(client, &d, model);
-    relight_close(client);
-    struct frames *f = frames_open(&d);
-    room_create(f, "faults", room);
-    frames_close(f);
+    faults_setup_room(options, "faults");
     return 0;
-}
-
-static int teardown(void **state)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    return status;
 }
 
 // ---- actions while an allocation fails; each returns 0 or the error's code
@@ -327,5 +309,5 @@ int main(void)
     const struct CMUnitTest tests[] = {cmocka_unit_test(requests),
                                        cmocka_unit_test(at_the_start)};
     signal(SIGPIPE, SIG_IGN);
-    return cmocka_run_group_tests_name("allocations", tests, setup, teardown);
+    return cmocka_run_group_tests_name("allocations", tests, setup, faults_teardown);
 }

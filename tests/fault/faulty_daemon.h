@@ -28,6 +28,13 @@ static inline void faults_setup(void)
     setenv("LD_PRELOAD", FAULTS_LIBRARY, 1);
 }
 
+static inline int faults_teardown(void **state)
+{
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    return status;
+}
+
 // The next call goes well again.
 static inline void faults_off(void)
 {

@@ -33,13 +33,6 @@ static int setup(void **state)
     return 0;
 }
 
-static int teardown(void **state)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    return status;
-}
-
 static void must_serve(const char *after, int64_t n)
 {
     struct relight_error error = {.text = ""};
@@ -235,5 +228,5 @@ int main(void)
     const struct CMUnitTest tests[] = {cmocka_unit_test(uploads), cmocka_unit_test(loads),
                                        cmocka_unit_test(bakes_survive_starts)};
     signal(SIGPIPE, SIG_IGN);
-    return cmocka_run_group_tests_name("files", tests, setup, teardown);
+    return cmocka_run_group_tests_name("files", tests, setup, faults_teardown);
 }

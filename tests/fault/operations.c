@@ -3,32 +3,14 @@
 // not ask for. Several requests of one connection are on the way together: each is answered, or
 // the connection is closed, and the next client finds the daemon and its room as they should
 // be.
-#include "room_frames.h" // before the daemon, whose name it shadows
+#include "faulty_room.h"
 
-#include "faulty_daemon.h"
-
-static char model[ID_SIZE], room[33];
-// A room leaves memory with its last request.
 static const char *const options[] = {"--room-idle", "0", NULL};
 
 static int setup(void **state)
 {
-    faults_setup();
-    daemon_start(&d, options);
-    struct relight_client *client = client_open(d.address);
-    bake_small(client, &d, model);
-    relight_close(client);
-    struct frames *f = frames_open(&d);
-    room_create(f, "operations", room);
-    frames_close(f);
+    faults_setup_room(options, "operations");
     return 0;
-}
-
-static int teardown(void **state)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    return status;
 }
 
 // ---- batches: each adds its requests and returns how many will have a last answer
@@ -333,5 +315,5 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(each_operation)};
     signal(SIGPIPE, SIG_IGN);
-    return cmocka_run_group_tests_name("operations", tests, setup, teardown);
+    return cmocka_run_group_tests_name("operations", tests, setup, faults_teardown);
 }
