@@ -119,9 +119,12 @@ static void *worker(void *arg)
     return NULL;
 }
 
+// At most a tenth of a core that workers want too, and that much: it ends some time.
 static void *aside(void *arg)
 {
-    setpriority(PRIO_PROCESS, (id_t)gettid(), 19); // on Linux it is of a thread
+    enum { ASIDE_NICE = 10, MOST_NICE = 19 };
+    int nice = getpriority(PRIO_PROCESS, 0) + ASIDE_NICE;
+    setpriority(PRIO_PROCESS, (id_t)gettid(), nice < MOST_NICE ? nice : MOST_NICE);
     serve(arg, true);
     return NULL;
 }

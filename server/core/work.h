@@ -15,8 +15,7 @@ enum { WORK_NAME = 96, WORK_MAX_SHARE = 16 };
 /* One job, embedded in its owner. `run` is called on a worker with a context whose pool
  * is shared by all workers; `done` on the loop's thread afterwards. The first error line the
  * library logs is kept in `error`. Background work never occupies every thread. WORK_ASIDE runs
- * alone, on one more thread that the system runs when no other wants its core; its context has
- * no pool. */
+ * alone, on one more thread of lower priority; its context has no pool. */
 struct work {
     struct loop_message message;
     struct fair_item item;

@@ -154,7 +154,7 @@ def every_option():
     glb('free.glb', [], {})
     prt('bake', 'free.glb', '--size-mm', '20', '--transport', 'joint', '--samples', '500', '--cube', '16',
         '-o', 'models/free.prt')
-    with daemon('--models', 'models', '--data', 'data'):
+    with daemon('--models', 'models', '--data', 'data', '--preview-walks=no'):  # they come when they are ready
         relight('load', 'draft.glb', '--size-mm', '20', '--material', 'marble', '--preview')
         each_changes('image', 'draft', PREVIEW + SHADE, 'png', ['--engine', 'tangent'])
         maps_are_of_their_medium()

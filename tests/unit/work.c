@@ -48,7 +48,7 @@ static bool wait_for(struct loop *loop, const struct held *h)
     return h->done;
 }
 
-// Work aside keeps its own thread of lowest priority: with two workers background work goes on,
+// Work aside keeps its own thread of lower priority: with two workers background work goes on,
 // on both more urgent work. What waits for that thread can be withdrawn.
 static void aside_delays_nothing(void **state)
 {
@@ -72,7 +72,8 @@ static void aside_delays_nothing(void **state)
     assert_true(work_withdraw(&next.work));
     sem_post(&aside.go);
     assert_true(wait_for(loop, &aside));
-    assert_true(!aside.had_pool && aside.nice == 19);
+    const int lower = bulk.nice + 10 < 19 ? bulk.nice + 10 : 19;
+    assert_true(!aside.had_pool && aside.nice == lower);
     assert_false(next.done || work_busy(pool));
     submit(pool, &next, WORK_ASIDE, true);
     assert_true(wait_for(loop, &next));
