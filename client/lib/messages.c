@@ -98,7 +98,7 @@ int relight_put_lights(struct request_parts *parts, size_t n,
             m->env = relight_text(in->env);
         }
     }
-    return 0;
+    return status;
 }
 
 int relight_put_materials(size_t n, const struct relight_object_material *in,

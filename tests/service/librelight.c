@@ -128,6 +128,24 @@ static void lights(void **state)
     free(cube);
 }
 
+// As many lights as the daemon takes are sent, and no more.
+static void most_lights(void **state)
+{
+    enum { MOST = 16 };
+    struct relight_light light[MOST + 1];
+    struct relight_colors_request request = {.model = "ball", .lights = light};
+    struct relight_colors colors;
+    for (int i = 0; i <= MOST; i++) light[i] = white;
+    float *one = colors_of(&white, 1, false, RELIGHT_COLOR_F32, NULL);
+    float *sum = colors_of(light, MOST, true, RELIGHT_COLOR_F32, NULL);
+    for (int i = 0; i < N_VERTEX * 3; i++) sum[i] /= MOST;
+    assert_true(rmse(sum, one) < 1e-4);
+    request.n_light = MOST + 1;
+    assert_int_equal(relight_colors(client, &request, &colors, &error), -RELIGHT_E_ARGUMENT);
+    free(sum);
+    free(one);
+}
+
 static void formats(void **state)
 {
     float *f32 = colors_of(&white, 1, false, RELIGHT_COLOR_F32, NULL);
@@ -311,11 +329,11 @@ static void unloaded(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lights),           cmocka_unit_test(formats),
-        cmocka_unit_test(pipelined),        cmocka_unit_test(refusals),
-        cmocka_unit_test(view_latest_wins), cmocka_unit_test(view_of_colors),
-        cmocka_unit_test(geometry),         cmocka_unit_test(info_list_stats),
-        cmocka_unit_test(unloaded),
+        cmocka_unit_test(lights),          cmocka_unit_test(most_lights),
+        cmocka_unit_test(formats),         cmocka_unit_test(pipelined),
+        cmocka_unit_test(refusals),        cmocka_unit_test(view_latest_wins),
+        cmocka_unit_test(view_of_colors),  cmocka_unit_test(geometry),
+        cmocka_unit_test(info_list_stats), cmocka_unit_test(unloaded),
     };
     return cmocka_run_group_tests_name("librelight", tests, start, stop);
 }
