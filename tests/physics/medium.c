@@ -435,6 +435,7 @@ static void test_material_faults(void **state)
         {"{" SS "," SS "," SA "}", PRT_FORMAT, "twice"},
         {"{\"sigma_s_prime\":[1,2]," SA "}", PRT_FORMAT, "three numbers"},
         {"{\"sigma_s_prime\":[1,2,\"3\"]," SA "}", PRT_FORMAT, "three numbers"},
+        {"{\"sigma_s_prime\":2," SA "}", PRT_FORMAT, "must be three numbers"},
         {"{\"sigma_s_prime\":[1,-2,3]," SA "}", PRT_ARG,
          "sigma_s_prime[1] is -2, allowed range 1e-05 to 1000 mm^-1"},
         {"{\"sigma_s_prime\":[1,2,0]," SA "}", PRT_ARG, "sigma_s_prime[2] is 0"},
