@@ -15,8 +15,21 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
 
 #include <cmocka.h>
+
+// Seconds that the clock is ahead.
+static time_t ahead_s;
+
+int clock_gettime(clockid_t clock, struct timespec *t)
+{
+    long fault = syscall(SYS_clock_gettime, clock, t);
+    t->tv_sec += ahead_s;
+    return (int)fault;
+}
 
 static const char id[] = "0123456789abcdef0123456789abcdef";
 static char ann[] = "token:ann", bob[] = "token:bob", mine[] = "mine", theirs[] = "theirs";
@@ -172,6 +185,7 @@ static void begin(void)
     rooms = (struct rooms){.server = &server, .store = &store};
     server.rooms = &rooms;
     n_given = 0;
+    ahead_s = 0;
     assert_int_equal(loop_create(&server.loop), 0);
     assert_non_null(server.ledger = ledger_create(&server.options));
     assert_non_null(server.holds = holds_create());
@@ -180,6 +194,19 @@ static void begin(void)
 static void turn(void)
 {
     for (int i = 0; i < 5; i++) loop_turn(server.loop, 0);
+}
+
+static void ignore(struct loop_timer *timer)
+{
+}
+
+// Timers fire as if so many seconds had gone by.
+static void let_pass(time_t seconds)
+{
+    struct loop_timer now = {.fire = ignore}; // wakes the loop
+    ahead_s += seconds;
+    loop_timer_set(server.loop, &now, 1);
+    turn();
 }
 
 static void end(void)
@@ -340,6 +367,40 @@ static void a_room_that_was_not_charged(void **unused)
     end();
 }
 
+// A copy of the rooms that takes long to make is not dropped meanwhile.
+static void a_slow_copy_is_kept(void **unused)
+{
+    enum { KEPT_S = 60 }; // after its last use
+    struct person p;
+    Relight__RoomBackupRequest m = RELIGHT__ROOM_BACKUP_REQUEST__INIT;
+    begin();
+    come(&p, ann);
+    ask(&p, RELIGHT_TYPE_ROOM_BACKUP, &m.base, op_room_backup);
+    struct room_task *task = take(ROOM_TASK_BACKUP);
+    assert_non_null(rooms.backups);
+    let_pass(KEPT_S + 1);
+    assert_non_null(rooms.backups);
+    end_task(task, ROOM_TASK_FAILED);
+    assert_null(rooms.backups);
+    assert_int_equal(p.error, RELIGHT__ERROR_CODE__ERROR_INTERNAL);
+    end();
+}
+
+// All events of a room are given back with it, however many they were.
+static void charges_add_up(void **unused)
+{
+    begin();
+    for (int i = 0; i < 3; i++) {
+        disk_charge(server.ledger, ann, 100);
+        room_was_charged(&rooms, ann, 100);
+    }
+    room_give_back(&rooms, ann, 200);
+    assert_int_equal(disk_bytes_of(server.ledger, ann), 100);
+    room_give_back(&rooms, ann, 200); // more than is left
+    assert_int_equal(disk_bytes_of(server.ledger, ann), 0);
+    end();
+}
+
 static void give_owners(char *owner, uint64_t n, uint64_t bytes)
 {
     struct room_task *task = take(ROOM_TASK_OWNERS);
@@ -394,6 +455,8 @@ int main(void)
         cmocka_unit_test(a_role_that_was_lost),
         cmocka_unit_test(a_room_that_is_deleted),
         cmocka_unit_test(a_room_that_was_not_charged),
+        cmocka_unit_test(a_slow_copy_is_kept),
+        cmocka_unit_test(charges_add_up),
         cmocka_unit_test(rooms_of_others_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
