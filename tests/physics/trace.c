@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include <malloc.h>
 #include <math.h>
 #include <string.h>
 
@@ -380,6 +381,30 @@ static void a_roof_hides_the_sky(void **state)
     prt_mesh_destroy(body);
 }
 
+// Bytes that are allocated.
+static double heap(void)
+{
+    const struct mallinfo2 m = mallinfo2();
+    return (double)(m.uordblks + m.hblkhd);
+}
+
+// Contract of prt_scene_destroy: a scene keeps nothing of what it took.
+static void scenes_give_their_memory_back(void **state)
+{
+    enum { FIRST = 4, ALL = 12 };
+    const double copies = 12.0 * mesh->n_vertex + 12.0 * mesh->n_triangle;
+    double before = 0;
+    if (!(heap() > 0)) skip(); // a sanitizer's allocator does not count
+    for (int i = 0; i < ALL; i++) {
+        struct prt_scene *s;
+        if (i == FIRST) before = heap();
+        assert_int_equal(prt_scene_create(&context, mesh, &s), PRT_OK);
+        prt_scene_destroy(s);
+    }
+    expect_below("bytes kept over those of the mesh",
+                 (heap() - before) / (ALL - FIRST) / copies, 0.1);
+}
+
 int main(void)
 {
     struct model m;
@@ -396,6 +421,7 @@ int main(void)
         cmocka_unit_test(samples_stay),
         cmocka_unit_test(cells_stay_on_their_face),
         cmocka_unit_test(a_roof_hides_the_sky),
+        cmocka_unit_test(scenes_give_their_memory_back),
     };
     int failed = run_physics_tests(tests, NULL, NULL);
     prt_scene_destroy(scene);
