@@ -1131,6 +1131,57 @@ static void fields_of_costs(void **state)
     peer_stop(&p, client);
 }
 
+// Every field of a surface's look has its own name, and each map its place.
+static void look_script(struct peer *p)
+{
+    static float base[] = {1, 2, 3, 4}, transform[] = {1, 2, 3, 4, 5, 6}, xyz[3];
+    Relight__GeometryAnswer m = RELIGHT__GEOMETRY_ANSWER__INIT;
+    Relight__Surface s = RELIGHT__SURFACE__INIT, *surfaces[] = {&s};
+    Relight__Vec3 emissive = RELIGHT__VEC3__INIT;
+    Relight__TextureMap map[5];
+    for (uint32_t i = 0; i < 5; i++) {
+        relight__texture_map__init(&map[i]);
+        map[i].image = i, map[i].uv_set = 10 + i, map[i].filter = 20 + i;
+        map[i].wrap_u = 30 + i, map[i].wrap_v = 40 + i, map[i].scale = (float)(50 + i);
+        map[i].n_transform = 6, map[i].transform = transform;
+    }
+    emissive.x = 7, emissive.y = 8, emissive.z = 9;
+    s.n_base_color = 4, s.base_color = base;
+    s.roughness = 5, s.metallic = 6, s.emissive = &emissive;
+    s.base_map = map, s.normal_map = map + 1, s.roughness_map = map + 2;
+    s.occlusion_map = map + 3, s.emissive_map = map + 4;
+    m.n_vertex = 1;
+    m.n_surfaces = 1, m.surfaces = surfaces;
+    peer_hello(p);
+    if (peer_read(p)) peer_answer(p, &m.base, xyz, sizeof xyz);
+    peer_read(p);
+}
+
+static void fields_of_looks(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    struct relight_geometry g;
+    peer_start(&p, look_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    assert_int_equal(relight_geometry_textured(client, "m", false, &g, &error), 0);
+    assert_int_equal(g.n_look, 1);
+    const struct relight_look *l = g.look;
+    assert_true(l->base_color[0] == 1 && l->base_color[1] == 2 && l->base_color[2] == 3);
+    assert_true(l->base_color[3] == 4 && l->roughness == 5 && l->metallic == 6);
+    assert_true(l->emissive[0] == 7 && l->emissive[1] == 8 && l->emissive[2] == 9);
+    const struct relight_map *map[] = {&l->base, &l->normal, &l->metallic_roughness,
+                                       &l->occlusion, &l->emission};
+    for (uint32_t i = 0; i < 5; i++) {
+        assert_true(map[i]->present && map[i]->image == i && map[i]->uv_set == 10 + i);
+        assert_true(map[i]->filter == 20 + i && map[i]->wrap_u == 30 + i);
+        assert_true(map[i]->wrap_v == 40 + i && map[i]->scale == (float)(50 + i));
+        for (int k = 0; k < 6; k++) assert_true(map[i]->transform[k] == (float)(k + 1));
+    }
+    relight_geometry_finish(&g);
+    peer_stop(&p, client);
+}
+
 static void cameras(void **state)
 {
     struct relight_camera c;
@@ -1174,6 +1225,7 @@ int main(void)
         cmocka_unit_test(fields_of_requests),
         cmocka_unit_test(fields_of_views),
         cmocka_unit_test(fields_of_costs),
+        cmocka_unit_test(fields_of_looks),
         cmocka_unit_test(coarse_colours_are_of_their_order),
         cmocka_unit_test(cameras),
     };
