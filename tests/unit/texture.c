@@ -637,6 +637,28 @@ static void numbers_of_an_obj_material(void **state)
     }
 }
 
+// Each map of an OBJ's material has its own word, or several.
+static void maps_of_an_obj_material(void **state)
+{
+    static const struct {
+        const char *word;
+        enum prt_map map;
+    } row[] = {{"map_Kd", PRT_MAP_BASE},      {"map_Ke", PRT_MAP_EMISSIVE},
+               {"map_Pr", PRT_MAP_ROUGHNESS}, {"norm", PRT_MAP_NORMAL},
+               {"map_Kn", PRT_MAP_NORMAL},    {"map_Bump", PRT_MAP_NORMAL},
+               {"bump", PRT_MAP_NORMAL}};
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_draft draft = {.name = "obj"};
+        struct obj_material m;
+        char text[80];
+        snprintf(text, sizeof text, "newmtl a\n%s a.png\n", row[i].word);
+        prt_obj_material_init(&m);
+        prt_obj_material_parse(&draft, text, &m);
+        for (int k = 0; k < PRT_N_MAP; k++)
+            assert_string_equal(m.map[k].file, k == (int)row[i].map ? "a.png" : "");
+    }
+}
+
 static void wrong_texture_records(void **state)
 {
     static const struct {
@@ -718,6 +740,7 @@ int main(void)
         cmocka_unit_test(extensions_of_a_gltf),
         cmocka_unit_test(channels_of_numbers),
         cmocka_unit_test(numbers_of_an_obj_material),
+        cmocka_unit_test(maps_of_an_obj_material),
         cmocka_unit_test(normals_tilt_up),
         cmocka_unit_test(means_of_normals_stay_short),
         cmocka_unit_test(volumes_of_a_gltf),
