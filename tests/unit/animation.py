@@ -197,6 +197,15 @@ def damaged():
     def data(m, accessor, values):
         animated.replace(m, accessor, values)
 
+    def morphed(m, n):
+        """By a target of n vectors, at full weight."""
+        model = animated.Model()
+        model.data = m
+        target = model.accessor('VEC3', animated.FLOAT, [(1, 0, 0)] * n)
+        m['meshes'][0].update(weights=[1])
+        m['meshes'][0]['primitives'][0]['targets'] = [{'POSITION': target}]
+
+    count = good['accessors'][attribute(good)['POSITION']]['count']
     change('node does not exist', lambda m: channel(m)['target'].update(node=99))
     change('sampler does not exist', lambda m: channel(m).update(sampler=-1))
     change('interpolation is unknown', lambda m: sampler(m).update(interpolation='CUBIC'))
@@ -214,6 +223,8 @@ def damaged():
     change('inverse bind matrices', lambda m: m['accessors'][m['skins'][0]['inverseBindMatrices']].update(count=1))
     change('components where 16', lambda m: m['skins'][0].update(inverseBindMatrices=attribute(m)['POSITION']))
     change('one element for each', lambda m: m['accessors'][attribute(m)['JOINTS_0']].update(count=3))
+    for more in (-1, 1):
+        change(' elements for %d vertices' % count, lambda m, n=count + more: morphed(m, n))
     change('unsigned whole numbers', lambda m: attribute(m).update(JOINTS_0=attribute(m)['WEIGHTS_0']))
     change('a weight of vertex', lambda m: data(m, attribute(m)['WEIGHTS_0'], [-1.0]))
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
