@@ -148,6 +148,27 @@ static void people_see_each_other(void **unused)
 static int invite(struct frames *f, const char *room, int role, uint64_t expires_s,
                   char secret[64], uint64_t *sequence);
 
+// Nobody sits down under a name that is too long.
+static void a_seat_has_a_name_of_bounded_length(void **unused)
+{
+    enum { MOST = 64 };
+    char room[33], name[MOST + 2] = "";
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    room_create(f, "names", room);
+    memset(name, 'n', MOST + 1);
+    for (uint64_t id = 10; id < 12; id++) {
+        room_add_subscribe(f, id, room, 0, name);
+        frames_send(f);
+        struct reply r = reply_to(f, id);
+        assert_int_equal(r.code, id == 10 ? RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST : 0);
+        reply_free(&r);
+        name[MOST] = 0;
+    }
+    frames_close(f);
+    end();
+}
+
 // Adds ROOM_PRESENCE with a hand on the light, or with none.
 static void add_hand(struct frames *f, uint64_t subscription, float deg)
 {
@@ -890,6 +911,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(survives_a_restart, teardown),
         cmocka_unit_test_teardown(people_see_each_other, teardown),
+        cmocka_unit_test_teardown(a_seat_has_a_name_of_bounded_length, teardown),
         cmocka_unit_test_teardown(a_hand_is_seen, teardown),
         cmocka_unit_test_teardown(an_own_scene_is_seen, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
