@@ -93,6 +93,12 @@ static void test_check(void **state)
     CHECK(2, "check.conf:2: accept-anyone", "--config", config);
     write_text(config, "accept-anyone = yes\nlisten = tcp:0.0.0.0:0\n");
     CHECK(0, "fine", "--config", config);
+    // A start refuses what --check refuses.
+    char text[4096];
+    const char *const start[] = {"--data",          own, "--models", data, "--listen",
+                                 "tcp:127.0.0.1:0", NULL};
+    assert_int_equal(run(start, text, sizeof text), 1);
+    assert_non_null(strstr(text, "outside --data"));
 }
 
 // Beyond loopback a token is wanted, or to be told that none is.
