@@ -108,11 +108,60 @@ static void an_ended_bake_is_told_as_before(void **unused)
     end();
 }
 
+// The order in a job's record, whose first digit becomes `digit` unless that is 0.
+static uint64_t order_in_record(const char *job, char digit)
+{
+    char path[160], text[20000];
+    snprintf(path, sizeof path, "%s/jobs/%s.json", d.data, job);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
+    size_t n = fread(text, 1, sizeof text - 1, file);
+    fclose(file);
+    text[n] = 0;
+    char *at = strstr(text, "\"order\":");
+    assert_non_null(at);
+    at += strcspn(at, "0123456789");
+    if (digit) *at = digit;
+    if (digit) write_text(path, text);
+    return strtoull(at, NULL, 10);
+}
+
+static void cancelled_bake(uint64_t seed, char job[64])
+{
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_loaded loaded;
+    OK(load_small(client, &d, "small.obj", seed, LONG, &loaded, &error));
+    snprintf(job, 64, "%s", loaded.job);
+    OK(relight_cancel_job(client, job, NULL, &error));
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+}
+
+// A job comes after all that are recorded, though the clock was set back since.
+static void a_clock_that_was_set_back(void **unused)
+{
+    char first[64], second[64], third[64];
+    begin(NULL);
+    cancelled_bake(1, first);
+    assert_int_equal(daemon_stop(&d), 0);
+    const uint64_t later = order_in_record(first, '9');
+    daemon_start(&d, NULL);
+    cancelled_bake(2, second);
+    cancelled_bake(3, third);
+    assert_int_equal(daemon_stop(&d), 0);
+    assert_true(order_in_record(second, 0) > later);
+    assert_true(order_in_record(third, 0) > order_in_record(second, 0));
+    daemon_start(&d, NULL);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(ended_bakes_are_bounded, teardown),
         cmocka_unit_test_teardown(an_ended_bake_is_told_as_before, teardown),
+        cmocka_unit_test_teardown(a_clock_that_was_set_back, teardown),
     };
     return cmocka_run_group_tests_name("job records", tests, NULL, NULL);
 }
