@@ -33,6 +33,17 @@ printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n
 walks=$("$bench" --quick --model "$model" walk)
 [ "$(echo "$walks" | grep -c '"medium".*"ratio_to_bare":[0-9].*"rays_spared":0\.[0-9].*"lost":[0-9]')" = 3 ] ||
     fail "walk prints $walks"
+# Of a finer model: tensors of one material are measured, those whose material is free are not.
+baked=$model.prt
+trap 'rm -f "$model" "$baked"' EXIT
+for of in '--material marble:[1-9]' '--transport joint:0'; do
+    # shellcheck disable=SC2086 # words
+    "${bench%-bench}" bake "$model" --size-mm 20 ${of%:*} --samples 200 --cube 16 --single-points 2 --quiet -o "$baked" ||
+        fail "bake ${of%:*}"
+    finer=$("$bench" --quick --file "$baked" relight_million) || fail "relight_million of ${of%:*} fails"
+    echo "$finer" | grep -c '"million_tensor_[0-9]*".*"vertices":100000,' | grep -qx "${of#*:}" ||
+        fail "relight_million of ${of%:*} prints $finer"
+done
 code=0; "$bench" no_such_figure 2>/dev/null || code=$?
 [ $code = 2 ] || fail "an unknown name exits $code"
 code=0; "$bench" --file /nowhere.prt relight_file 2>/dev/null || code=$?
