@@ -397,6 +397,16 @@ END
 for pin in 2 4 6; do # each has a comment
     expect 0 room show foreign $pin -o foreign.png
 done
+# Their views go out in metres, too.
+expect 0 room export foreign -o outward
+python3 - outward/pins.bcf <<'END' || fail "the views of outward/pins.bcf"
+import sys, xml.etree.ElementTree as tree, zipfile
+with zipfile.ZipFile(sys.argv[1]) as z:
+    views = [tree.fromstring(z.read(n)) for n in z.namelist() if n.endswith('.bcfv')]
+eyes = [[float(v.find('.//CameraViewPoint/' + k).text) for k in 'XYZ'] for v in views]
+for want in ((0.015, -0.02, 0.01), (0.05, -0.1, 0)):
+    assert any(max(abs(g - w) for g, w in zip(eye, want)) < 1e-5 for eye in eyes), (want, eyes)
+END
 expect 0 room create empty
 expect 2 room import empty foreign.bcf && says 'no model to place pins on'
 head -c 3000 export/pins.bcf >cut.bcf
