@@ -167,11 +167,35 @@ static void a_body_with_a_hole_keeps_the_dipole(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: a ball is alike all over, and so are its colours under an even light, in a draft that
+// few walks scale, too: their noise is smoothed (METHODS §9).
+static void a_ball_is_even(void **state)
+{
+    struct model m;
+    model_init(&m, 500, 800);
+    add_round_ball(&m, 28, 14, 8);
+    struct prt_mesh *mesh = body_mesh(&context, &m, false);
+    float(*color)[3] = draft(mesh, prt_media_one(&milk), true);
+    for (int c = 0; c < 3; c++) {
+        double sum = 0, square = 0;
+        for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+            sum += (double)color[v][c];
+            square += (double)color[v][c] * (double)color[v][c];
+        }
+        const double mean = sum / mesh->n_vertex;
+        expect_below("deviation of a ball's colours, of their mean",
+                     sqrt(fmax(square / mesh->n_vertex - mean * mean, 0)) / mean, 0.012);
+    }
+    free(color);
+    prt_mesh_destroy(mesh);
+}
+
 int main(void)
 {
     if (!bake_files_begin()) return 1;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_draft_is_scaled_to_walks),
+        cmocka_unit_test(a_ball_is_even),
         cmocka_unit_test(bodies_are_scaled_by_themselves),
         cmocka_unit_test(a_body_with_a_hole_keeps_the_dipole),
     };
