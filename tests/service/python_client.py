@@ -79,6 +79,7 @@ def colours(c, model, folder):
     # A file is uploaded, and has a name from then on; an array is a light, too.
     studio = c.colors(model, folder + "/studio.hdr", rotate=30)
     assert np.array_equal(c.colors(model, "studio", rotate=30), studio)
+    fails("NOT_FOUND", c.colors, model, "studi")
     assert [e.name for e in c.environments()] == ["studio.hdr"]
     cube = np.ones((6, 16, 16, 3), np.float32)
     cube[0] *= 9
