@@ -9,6 +9,7 @@
 
 #include <malloc.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "bodies.h"
@@ -306,6 +307,26 @@ static void samples_stay(void **state)
     prt_mesh_destroy(ball);
 }
 
+// Law: a point of the surface takes the irradiance of its three nearest samples (METHODS §3.1).
+static void points_lie_in_three_cells(void **state)
+{
+    struct model m;
+    struct prt_surface_points *s;
+    uint32_t n_other = 0;
+    model_init(&m, 40 * 21, 40 * 20 * 2);
+    add_ball(&m, 40, 20, 20, fluted_ball);
+    struct prt_mesh *ball = body_mesh(&context, &m, true);
+    assert_int_equal(prt_surface_create(&context, ball, 3000, 1, 3, &s), PRT_OK);
+    uint8_t *cells = calloc(s->n_fine, 1);
+    for (uint64_t k = 0; k < s->cell_begin[s->n_sample]; k++)
+        cells[s->cell_fine[k]] += s->cell_weight[k] > 0;
+    for (uint32_t i = 0; i < s->n_fine; i++) n_other += cells[i] != 3;
+    expect_below("points in more or fewer cells", (double)n_other / s->n_fine, 1e-3);
+    free(cells);
+    prt_surface_destroy(s);
+    prt_mesh_destroy(ball);
+}
+
 // Law: cells end at the edges of a box, as the sheets do (METHODS §3.1): those of a face's
 // samples lie on it and add up to its area, also where the other side is nearer than the next
 // sample.
@@ -419,6 +440,7 @@ int main(void)
         cmocka_unit_test(epsilon_is_small),
         cmocka_unit_test(samples_lie_in_their_strata),
         cmocka_unit_test(samples_stay),
+        cmocka_unit_test(points_lie_in_three_cells),
         cmocka_unit_test(cells_stay_on_their_face),
         cmocka_unit_test(a_roof_hides_the_sky),
         cmocka_unit_test(scenes_give_their_memory_back),
