@@ -30,6 +30,10 @@ def each_serves_what_the_other_took(a, b, folder):
     # The same LOAD at the other needs no bake.
     assert b.ask().load(model_file(folder, 1), size_mm=10, name="ball", **BAKE) == model
     assert " started" not in b.log(), "the other bakes again"
+    # Another name that it is loaded under at one is its name at the other.
+    assert a.ask().load(model_file(folder, 1), size_mm=10, name="globe", **BAKE) == model
+    until("renamed at the other", 20,
+          lambda: [m.name for m in b.ask().models() if m.id == model] == ["globe"])
     # A model without a bake is read again; what one unloads goes everywhere.
     preview = b.ask().load(model_file(folder, 2), size_mm=10, name="glance", material="marble",
                            preview=True)
