@@ -407,6 +407,34 @@ static void test_turns_are_charged(void **state)
     end_client(client);
 }
 
+// An environment that is filtered for reflection counts towards --cache.
+static void test_reflections_are_charged(void **state)
+{
+    enum { FILTERED = 300000 }; // less than prt_specular_bytes()
+    struct relight_client *client = begin_client(NULL);
+    struct relight_error error;
+    char model[ID_SIZE];
+    struct relight_light light = {.env = "constant"};
+    struct relight_load load = small_bake(0, 100);
+    bake_octahedron(client, &d, "small.obj", &load, model);
+    double used[2];
+    for (int i = 0; i < 2; i++) {
+        struct relight_image_request r = {
+            .model = model,
+            .n_light = 1,
+            .lights = &light,
+            .picture = {
+                .width = 16, .height = 16, .format = RELIGHT_IMAGE_RGB8, .no_specular = !i}};
+        struct relight_image image;
+        OK(relight_image(client, &r, &image, &error));
+        relight_image_finish(&image);
+        used[i] = metric(client, "relightd_cache_bytes");
+    }
+    print_message("cache: %g, with reflections %g bytes\n", used[0], used[1]);
+    assert_true(used[1] - used[0] >= FILTERED);
+    end_client(client);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -421,6 +449,7 @@ int main(void)
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
         cmocka_unit_test_teardown(test_passes_within_the_cache, teardown),
         cmocka_unit_test_teardown(test_turns_are_charged, teardown),
+        cmocka_unit_test_teardown(test_reflections_are_charged, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
