@@ -194,6 +194,9 @@ static void test_versions(void **state)
     struct relight_client *client = client_open(d.address), *other = client_open(d.address);
     assert_true(state_of(client, "ball/1", first) >= 0);
     wait_same(client, "ball", first);
+    // The file of a version is no name.
+    assert_int_equal(state_of(client, "a.prt", id), -1);
+    assert_int_equal(state_of(client, "a", id), -1);
     struct relight_view *view = open_view(client, "ball", &hash);
     struct relight_view *fixed = open_view(other, "ball/1", &fixed_hash);
     put_bake("ball/2/b.prt", 1);
