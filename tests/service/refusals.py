@@ -4,6 +4,7 @@
 parameter with its limits. One row a fault.
 
    tests/service/refusals.py PATH/TO/bin PATH/TO/python"""
+import json
 import os
 import sys
 
@@ -168,4 +169,17 @@ def check():
                 expect(not ranged or (error.parameter and error.minimum is not None), what + ': the range is no field')
 
 
-main(check)
+def names_of_files():
+    """An error tells of a file by its name in the model, not by the daemon's folder."""
+    model = {'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0]}], 'nodes': [{'mesh': 0}],
+             'meshes': [{'primitives': [{'attributes': {'POSITION': 0}}]}],
+             'accessors': [{'bufferView': 0, 'componentType': 5126, 'type': 'VEC3', 'count': 3}],
+             'bufferViews': [{'buffer': 0, 'byteLength': 36}], 'buffers': [{'byteLength': 36, 'uri': 'maps'}]}
+    with daemon('--data', 'data2'), package.Client('unix:socket') as client:
+        files = [{'name': 'm.gltf', 'blob': client.upload(json.dumps(model).encode())},
+                 {'name': 'maps/x.bin', 'blob': client.upload(b'x')}]  # a folder of this name
+        error = refusal(client, *load(path='', files=files, material='marble', preview=True))
+        expect(error and error.text == 'maps: not a regular file', 'a folder as a buffer: %s' % (error and error.text))
+
+
+main(check, names_of_files)
