@@ -191,6 +191,48 @@ static void checkpoints_that_do_not_help(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Where the data of a checkpoint's first record of this slot begin; 0: it has none.
+static off_t data_of(const char *path, uint32_t slot)
+{
+    enum { HEADER = 16, SLOT_ROWS = 1000 };
+    struct record r;
+    uint64_t at = HEADER;
+    bool found = false;
+    int fd = open(path, O_RDONLY);
+    while (!found && fd >= 0 && prt_read_at(fd, &r, sizeof r, at) && prt_record_whole(&r)) {
+        found = r.slot == slot && (r.bytes || slot > SLOT_ROWS);
+        at += sizeof r + (found || r.slot == SLOT_ROWS ? 0 : r.bytes);
+    }
+    if (fd >= 0) close(fd);
+    return found ? (off_t)at : 0;
+}
+
+// Contract of prt_bake: a checkpoint whose rows are removed, as all that is made of them is
+// recorded, is of no use once one of these records is damaged: the bake fails and begins anew.
+static void damage_where_rows_are_removed(void **state)
+{
+    enum { SLOT_ROWS_DONE = 1001 };
+    struct prt_mesh *mesh = scene();
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
+    char path[256];
+    assert_int_equal(prt_bake(&context, mesh, &o, file("whole.prt")), PRT_OK);
+    snprintf(path, sizeof path, "%s", file("checkpoint"));
+    o.checkpoint = path;
+    pid_t child = bake_in_child(mesh, &o, file("parts.prt"));
+    while (!data_of(path, SLOT_ROWS_DONE)) {
+        assert_int_equal(waitpid(child, NULL, WNOHANG), 0);
+        usleep(500);
+    }
+    kill(child, SIGKILL);
+    assert_int_equal(waitpid(child, NULL, 0), child);
+    assert_true(invert_byte(path, data_of(path, 0)));
+    assert_int_equal(prt_bake(&context, mesh, &o, file("parts.prt")), PRT_FORMAT);
+    assert_int_equal(prt_bake(&context, mesh, &o, file("parts.prt")), PRT_OK);
+    same_bytes(file("whole.prt"), file("parts.prt"));
+    unlink(file("parts.prt"));
+    prt_mesh_destroy(mesh);
+}
+
 // Contract of options.memory: a bake that has no room for its rows keeps them in files, and
 // writes the same bytes.
 static void little_memory(void **state)
@@ -226,6 +268,7 @@ int main(void)
         cmocka_unit_test(killed_joint),
         cmocka_unit_test(killed_polynomial_and_part),
         cmocka_unit_test(checkpoints_that_do_not_help),
+        cmocka_unit_test(damage_where_rows_are_removed),
         cmocka_unit_test(little_memory),
     };
     return run_physics_tests(tests, NULL, bake_files_end);
