@@ -19,7 +19,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* WORK_ASIDE: minutes of work that no request waits for. Only its own thread takes it. */
+/* WORK_ASIDE: long work that no request waits for. Only a thread of its own runs it. */
 enum work_class { WORK_INTERACTIVE, WORK_STILL, WORK_BACKGROUND, WORK_ASIDE, WORK_N_CLASS };
 extern const uint64_t fair_head_start_ns[WORK_N_CLASS];
 
@@ -61,8 +61,8 @@ struct fair_item *fair_pop_aside(struct fair_queue *queue);
 /* Takes an item out that waits; false: it does not wait (any more). */
 bool fair_remove(struct fair_queue *queue, struct fair_item *item);
 /* An item that was popped has ended after this many thread-nanoseconds. share[n]: the flows
- * that pay equal parts; NULL: its own pays all. WORK_ASIDE counts as used and moves no virtual
- * time: it takes what the others leave. */
+ * that pay equal parts; NULL: its own pays all. The cost of WORK_ASIDE is counted in used_ns
+ * and does not change virtual_ns: its thread takes little from other flows. */
 void fair_ended(struct fair_queue *queue, struct fair_item *item, uint64_t cost_ns,
                 struct fair_flow *const *share, unsigned n);
 

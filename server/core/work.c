@@ -119,7 +119,7 @@ static void *worker(void *arg)
     return NULL;
 }
 
-// At most a tenth of a core that workers want too, and that much: it ends some time.
+// Where the workers keep every core busy, this priority still gets about a tenth of one.
 static void *aside(void *arg)
 {
     enum { ASIDE_NICE = 10, MOST_NICE = 19 };

@@ -9,7 +9,7 @@
 
 static char model[ID_SIZE], room[33];
 
-// options: --room-idle 0 among them, with which a room leaves memory with its last request.
+// The options have to contain --room-idle 0, so that a room leaves memory after each request.
 static inline void faults_setup_room(const char *const *options, const char *name)
 {
     faults_setup();

@@ -409,7 +409,7 @@ static double heap(void)
     return (double)(m.uordblks + m.hblkhd);
 }
 
-// Contract of prt_scene_destroy: a scene keeps nothing of what it took.
+// Contract of prt_scene_destroy: it frees all memory of the scene.
 static void scenes_give_their_memory_back(void **state)
 {
     enum { FIRST = 4, ALL = 12 };

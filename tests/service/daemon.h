@@ -250,7 +250,7 @@ static inline struct relight_client *client_open(const char *address)
     return client;
 }
 
-/* Under a sanitizer all takes several times as long: what a time buys is not asserted. */
+/* Code under a sanitizer is several times slower: tests assert no speed there. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 enum { INSTRUMENTED = 1 };
 #else

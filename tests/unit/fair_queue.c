@@ -160,7 +160,7 @@ static void shares_are_split(void **data)
     memset(taken, 0, sizeof taken);
 }
 
-// Work aside is counted and moves no virtual time: it took what the others left.
+// The cost of work aside is counted and does not change the virtual time of its flow.
 static void aside_is_not_charged(void **data)
 {
     struct fair_queue q = {0};
