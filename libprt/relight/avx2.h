@@ -6,6 +6,19 @@
 #include "kernels.h"
 
 #if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+// r, g, b of a row's scaling coefficients; the fourth lanes are not to be stored. Eight bytes
+// are loaded where six would do, those of the last face from before it: six bytes that are
+// copied and then loaded as eight wait for the copy, which took 40 % of a group's pass.
+PRT_INLINE void load_scaling(const uint16_t *p, __m128 out[6])
+{
+#pragma GCC unroll 5
+    for (int f = 0; f < 5; f++)
+        out[f] = _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)(p + 3 * f)));
+    out[5] = _mm_cvtph_ps(_mm_srli_epi64(_mm_loadl_epi64((const __m128i *)(p + 14)), 16));
+}
+PRT_ISA_END
+
 void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                     const float *light, float *out);
 void prt_integer_lights_fill_avx2(const struct integer_lights *q, unsigned n_light,

@@ -68,7 +68,7 @@ PRT_INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t 
     const uint64_t n_entry = rows->begin[rows->n_row];
     const size_t face = rows->n_coef / 6;
     for (uint32_t row = begin; row < end; row++, out += 3) {
-        __m128 sum[4], dc = _mm_setzero_ps();
+        __m128 sum[4], scaling[6], dc = _mm_setzero_ps();
         for (int i = 0; i < 4; i++) sum[i] = _mm_setzero_ps();
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         uint64_t safe = stop < n_entry ? stop : stop - (stop > e);
@@ -80,9 +80,9 @@ PRT_INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t 
         for (; e < stop; e++)
             sum[0] = _mm_fmadd_ps(load_entry(rows->entry, e, kind, false),
                                   _mm_loadu_ps(light + 4ull * rows_index(rows, e)), sum[0]);
+        load_scaling(rows->scaling + 18ull * row, scaling);
         for (size_t f = 0; f < 6; f++)
-            dc = _mm_fmadd_ps(load3(rows->scaling + (6ull * row + f) * 3, false, f < 5),
-                              _mm_loadu_ps(light + 4 * face * f), dc);
+            dc = _mm_fmadd_ps(scaling[f], _mm_loadu_ps(light + 4 * face * f), dc);
         __m128 x = _mm_add_ps(_mm_add_ps(sum[0], sum[1]), _mm_add_ps(sum[2], sum[3]));
         if (kind != PRT_VALUE_F16) {
             const float *s = rows->scale + 3ull * row;

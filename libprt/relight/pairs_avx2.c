@@ -102,29 +102,32 @@ PRT_INLINE __m128 one_row(const struct prt_rows *rows, uint32_t row, const int16
     return sum;
 }
 
-PRT_INLINE __m128 load_scaling(const uint16_t *p)
-{
-    uint64_t raw = 0;
-    memcpy(&raw, p, 6);
-    return _mm_cvtph_ps(_mm_cvtsi64_si128((long long)raw));
-}
-
 PRT_INLINE void store_rgb(float *out, __m128 x)
 {
     _mm_storel_pi((__m64 *)out, x);
     _mm_store_ss(out + 2, _mm_movehl_ps(x, x));
 }
 
-// From a row's sum under a light to its r, g, b.
-PRT_INLINE void finish(const struct prt_rows *rows, uint32_t row,
-                       const struct integer_lights *q, unsigned l, __m128 sum, float *out)
+// What turns a row's sums into its r, g, b.
+struct row_factors {
+    __m128 scale, scaling[6];
+};
+
+PRT_INLINE struct row_factors load_factors(const struct prt_rows *rows, uint32_t row)
 {
     const float *s = rows->scale + 3ull * row;
-    const __m128 scale = _mm_setr_ps(s[0], s[1], s[2], 0);
-    const uint16_t *scaling = rows->scaling + 18ull * row;
-    sum = _mm_mul_ps(sum, _mm_mul_ps(scale, _mm_loadu_ps(q->back[l])));
-    for (int f = 0; f < 6; f++, scaling += 3)
-        sum = _mm_fmadd_ps(load_scaling(scaling), _mm_loadu_ps(q->scaling[f][l]), sum);
+    struct row_factors out = {.scale = _mm_setr_ps(s[0], s[1], s[2], 0)};
+    load_scaling(rows->scaling + 18ull * row, out.scaling);
+    return out;
+}
+
+PRT_INLINE void finish(const struct row_factors *row, const struct integer_lights *q,
+                       unsigned l, __m128 sum, float *out)
+{
+    sum = _mm_mul_ps(sum, _mm_mul_ps(row->scale, _mm_loadu_ps(q->back[l])));
+#pragma GCC unroll 6
+    for (int f = 0; f < 6; f++)
+        sum = _mm_fmadd_ps(row->scaling[f], _mm_loadu_ps(q->scaling[f][l]), sum);
     store_rgb(out, sum);
 }
 
@@ -204,13 +207,14 @@ void prt_pairs_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                     size_t row_pitch, float *out)
 {
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
+        const struct row_factors factors = load_factors(rows, row);
         if (n_light == 1) {
-            finish(rows, row, q, 0, one_row(rows, row, q->lane), out);
+            finish(&factors, q, 0, one_row(rows, row, q->lane), out);
             continue;
         }
         const struct group_floats sum = group_row(rows, row, q->lane);
         for (unsigned l = 0; l < n_light; l++)
-            finish(rows, row, q, l, light_of(&sum, l), out + l * light_pitch);
+            finish(&factors, q, l, light_of(&sum, l), out + l * light_pitch);
     }
 }
 
