@@ -61,10 +61,11 @@ void prt_light_table_fill(unsigned n_light, const float *const coef[], uint32_t 
     }
 }
 
-bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, uint32_t n,
+bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, bool quads, uint32_t n,
                              const float *const coef[], const float most[][4])
 {
     q->n = n;
+    q->lanes = n_light == 1 ? 4 : quads && n_light <= 4 ? 16 : 32;
     for (uint32_t t = 0; t < 64; t++) q->gain[t] = t < n ? prt_pair_gain(n, t) : 1;
     memset(q->scale, 0, sizeof q->scale);
     memset(q->back, 0, sizeof q->back);

@@ -8,18 +8,6 @@
 #include <math.h>
 #include <string.h>
 
-// Integers per coefficient in integer_lights.lane.
-static size_t lanes_of(unsigned n_light)
-{
-    return n_light == 1 ? 4 : 32;
-}
-
-// Where r g b of a light begin in its coefficient's lanes.
-static size_t lane_of(unsigned light)
-{
-    return 8 * (light % 4) + 4 * (light / 4);
-}
-
 static int16_t saturated(float x)
 {
     const float y = rintf(x);
@@ -30,7 +18,7 @@ static void lights_to_integers(const struct integer_lights *q, unsigned n_light,
                                const float *const coef[], uint32_t begin, uint32_t end)
 {
     const uint32_t n = q->n;
-    const size_t lanes = lanes_of(n_light);
+    const size_t lanes = q->lanes;
     for (uint32_t i = begin; i < end; i++) {
         const float gain = q->gain[(i | i / n) & (n - 1)];
         int16_t *lane = q->lane + lanes * i;
@@ -38,7 +26,8 @@ static void lights_to_integers(const struct integer_lights *q, unsigned n_light,
         for (unsigned l = 0; l < n_light; l++)
             for (size_t ch = 0; ch < 3; ch++) {
                 const float factor = q->scale[l][ch] * gain;
-                lane[lane_of(l) + ch] = saturated(coef[l][4 * (size_t)i + ch] * factor);
+                lane[integer_lane_of(q, l) + ch] =
+                    saturated(coef[l][4 * (size_t)i + ch] * factor);
             }
     }
 }
@@ -64,12 +53,13 @@ static void pairs_group(const struct prt_rows *rows, uint32_t begin, uint32_t en
                         const struct integer_lights *q, unsigned n_light, size_t light_pitch,
                         size_t row_pitch, float *out)
 {
-    const size_t lanes = lanes_of(n_light);
     for (uint32_t row = begin; row < end; row++, out += row_pitch)
         for (unsigned l = 0; l < n_light; l++)
             for (uint32_t ch = 0; ch < 3; ch++) {
                 const float factor = rows->scale[3ull * row + ch] * q->back[l][ch];
-                float x = row_sum(rows, row, q->lane + lane_of(l) + ch, lanes, ch) * factor;
+                float x =
+                    row_sum(rows, row, q->lane + integer_lane_of(q, l) + ch, q->lanes, ch) *
+                    factor;
                 for (uint32_t f = 0; f < 6; f++)
                     x = fmaf(prt_f16_to_f32(rows->scaling[18ull * row + 3 * f + ch]),
                              q->scaling[f][l][ch], x);
@@ -147,6 +137,7 @@ static void expand(const struct expand_job *job)
 
 const struct prt_kernels prt_kernels_integer_c = {.name = "integer_c",
                                                   .integers = true,
+                                                  .quads = true,
                                                   .lights_to_integers = lights_to_integers,
                                                   .pairs_group = pairs_group,
                                                   .expand = expand};

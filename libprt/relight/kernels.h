@@ -62,8 +62,9 @@ enum { LIGHT_INTEGER_MOST = INT16_MAX };
 struct integer_lights {
     uint32_t n;                       // of the cube, a power of two, at most 64
     float gain[64];                   // of a coefficient at (x, y) of its face: gain[x | y]
-    int16_t *lane;                    // [n_coef][4][2][4]: r g b 0 of lights l and 4 + l;
-                                      // of one light alone [n_coef][4]
+    uint32_t lanes;                   // of a coefficient: 4, 16 or 32
+    int16_t *lane;                    // r g b 0 of one light [n_coef][4]; of up to four
+                                      // [n_coef][4][4]; of lights l and 4 + l [n_coef][4][2][4]
     float scale[LIGHT_GROUP][4];      // integer = float * gain * scale
     float back[LIGHT_GROUP][4];       // 1 / scale
     float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, not rounded
@@ -72,6 +73,7 @@ struct integer_lights {
 struct prt_kernels {
     const char *name;
     bool integers; // expand computes in 16-bit integers
+    bool quads;    // the integer kernels take up to four lights in 16 lanes
 
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]. Rows of
     // pairs take a light that was multiplied by their gains; so does diagonal_group.
@@ -141,10 +143,17 @@ const struct prt_kernels *prt_kernels_for(unsigned cpu);
 void prt_light_table_fill(unsigned n_light, const float *const coef[], uint32_t begin,
                           uint32_t end, float *table);
 
-// Prepares integer lights of n-cubes (n <= 64) but for their lanes. most[light][ch]: the
+// Where r g b of a light begin in a coefficient's lanes.
+static inline uint32_t integer_lane_of(const struct integer_lights *q, unsigned light)
+{
+    return q->lanes == 32 ? 8 * (light % 4) + 4 * (light / 4) : 4 * light;
+}
+
+// Prepares integer lights of n-cubes (n <= 64) but for their lanes, of which there are 16 where
+// `quads` and the lights are two to four. most[light][ch]: the
 // largest absolute coefficient after the gains, scaling coefficients left out. False where a
 // coefficient is not finite: the caller has to use f32.
-bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, uint32_t n,
+bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, bool quads, uint32_t n,
                              const float *const coef[], const float most[][4]);
 
 // prt_contract_light for several lights with the results of a row's lights adjacent:

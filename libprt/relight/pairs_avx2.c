@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Rows of pairs under eight lights, or one, in 16-bit integers with AVX2: one instruction
+// Rows of pairs under eight lights, four, or one, in 16-bit integers with AVX2: one instruction
 // multiplies a pair's two entries with their coefficients and adds the products. kernels.h says
 // how lights become integers; the sum of a block of entries stays within 32 bits
 // (PRT_PAIR_MOST), sums of blocks are added as floats.
@@ -31,7 +31,11 @@ void prt_integer_lights_fill_avx2(const struct integer_lights *q, unsigned n_lig
             continue;
         }
         // Scaling coefficients saturate; they are not read.
-        for (unsigned l = 0; l < 4; l++)
+        for (unsigned l = 0; l < 4 && q->lanes == 16; l += 2)
+            _mm_store_si128((__m128i *)(q->lane + 16 * (size_t)i + 4 * l),
+                            _mm_packs_epi32(rounded(q, n_light, coef, l, i, gain),
+                                            rounded(q, n_light, coef, l + 1, i, gain)));
+        for (unsigned l = 0; l < 4 && q->lanes == 32; l++)
             _mm_store_si128((__m128i *)(q->lane + 32 * (size_t)i + 8 * l),
                             _mm_packs_epi32(rounded(q, n_light, coef, l, i, gain),
                                             rounded(q, n_light, coef, l + 4, i, gain)));
@@ -195,11 +199,61 @@ PRT_INLINE struct group_floats group_row(const struct prt_rows *rows, uint32_t r
     return sum;
 }
 
+// Up to four lights: 0 and 2, 1 and 3.
+struct quad_integers {
+    __m256i x[2];
+};
+struct quad_floats {
+    __m256 x[2];
+};
+
+PRT_INLINE void quad_pair(struct quad_integers *s, const int16_t *lane, const uint16_t *index,
+                          const int16_t *entry, bool whole)
+{
+    const __m256i v = _mm256_broadcastsi128_si256(load_pair(entry, whole));
+    const __m256i a = _mm256_load_si256((const __m256i *)(lane + 16 * (size_t)index[0]));
+    const __m256i b = _mm256_load_si256((const __m256i *)(lane + 16 * (size_t)index[1]));
+    add_products(&s->x[0], _mm256_unpacklo_epi16(a, b), v);
+    add_products(&s->x[1], _mm256_unpackhi_epi16(a, b), v);
+}
+
+PRT_INLINE void quad_block(const int16_t *lane, const uint16_t *index, const int16_t *entry,
+                           const uint32_t n, bool whole, struct quad_floats *sum)
+{
+    struct quad_integers s = {{_mm256_setzero_si256(), _mm256_setzero_si256()}};
+#pragma GCC unroll 8
+    for (uint32_t k = 0; k < n; k += 2) quad_pair(&s, lane, index + k, entry + 3 * k, whole);
+    for (int i = 0; i < 2; i++)
+        sum->x[i] = _mm256_add_ps(sum->x[i], _mm256_cvtepi32_ps(s.x[i]));
+}
+
+PRT_INLINE struct quad_floats quad_row(const struct prt_rows *rows, uint32_t row,
+                                       const int16_t *lane)
+{
+    struct quad_floats sum = {{_mm256_setzero_ps(), _mm256_setzero_ps()}};
+    const uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
+    uint64_t e = rows->begin[row];
+    const uint16_t *index = (const uint16_t *)rows->index + e;
+    const int16_t *entry = (const int16_t *)rows->entry + 3 * e;
+    for (; e + PRT_PAIR_BLOCK <= stop && e + PRT_PAIR_BLOCK < n_entry; e += PRT_PAIR_BLOCK) {
+        ask_ahead(entry, index);
+        quad_block(lane, index, entry, PRT_PAIR_BLOCK, true, &sum);
+        index += PRT_PAIR_BLOCK;
+        entry += 3 * PRT_PAIR_BLOCK;
+    }
+    if (e < stop) quad_block(lane, index, entry, (uint32_t)(stop - e), false, &sum);
+    return sum;
+}
+
+PRT_INLINE __m128 half_of(__m256 x, unsigned half)
+{
+    return half ? _mm256_extractf128_ps(x, 1) : _mm256_castps256_ps128(x);
+}
+
 // The part of group_floats and its half that hold light l.
 PRT_INLINE __m128 light_of(const struct group_floats *sum, unsigned l)
 {
-    const __m256 x = sum->x[(l & 2) + (l >> 2)];
-    return l & 1 ? _mm256_extractf128_ps(x, 1) : _mm256_castps256_ps128(x);
+    return half_of(sum->x[(l & 2) + (l >> 2)], l & 1);
 }
 
 void prt_pairs_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
@@ -210,6 +264,12 @@ void prt_pairs_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         const struct row_factors factors = load_factors(rows, row);
         if (n_light == 1) {
             finish(&factors, q, 0, one_row(rows, row, q->lane), out);
+            continue;
+        }
+        if (q->lanes == 16) {
+            const struct quad_floats sum = quad_row(rows, row, q->lane);
+            for (unsigned l = 0; l < n_light; l++)
+                finish(&factors, q, l, half_of(sum.x[l & 1], l >> 1), out + l * light_pitch);
             continue;
         }
         const struct group_floats sum = group_row(rows, row, q->lane);

@@ -106,13 +106,6 @@ static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Lights of a group share one pass over the rows. Two single passes take less time than a group
-// of two. With `together` every light is in a group: results of a row's lights are adjacent.
-static unsigned group_size(unsigned left, bool together)
-{
-    return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
-}
-
 struct rows_job {
     const struct prt_kernels *kernels;
     const struct prt_tensor *tensor;
@@ -162,6 +155,16 @@ static bool takes_integers(const struct rows_job *job)
     return job->tensor->rows.value == PRT_VALUE_PAIR && job->kernels->pairs_group;
 }
 
+// Lights of a group share one pass over the rows. Two single passes take less time than a group
+// of two, but for that of quads. With `together` every light is in a group: results of a row's
+// lights are adjacent.
+static unsigned group_size(const struct rows_job *job, unsigned left)
+{
+    const bool alone =
+        left == 2 && !job->together && !(takes_integers(job) && job->kernels->quads);
+    return left < 2 || alone ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
+}
+
 // Whether a group of n lights that is not in integers is read from a table of floats.
 static bool takes_table(const struct rows_job *job, unsigned n)
 {
@@ -172,7 +175,7 @@ static bool takes_table(const struct rows_job *job, unsigned n)
 static size_t table_bytes(const struct rows_job *job, unsigned n_light)
 {
     if (job->tensor->coupling == PRT_COUPLE_FULL) return 0;
-    if (n_light > (job->together ? 1 : 2)) return LIGHT_LANES * sizeof(float);
+    if (group_size(job, n_light) > 1) return LIGHT_LANES * sizeof(float);
     return takes_integers(job) ? 4 * sizeof(int16_t) : 0;
 }
 
@@ -189,8 +192,9 @@ static int prepare_lights(const struct prt_context *ctx, const struct prt_tensor
     if (takes_integers(job)) {
         integers->lane = (int16_t *)table;
         status = prt_parallel_for(ctx, NULL, group->n_light, 1, find_most, group);
-        if (!status && prt_integer_lights_init(integers, group->n_light, group->n, group->coef,
-                                               (const float(*)[4])group->most))
+        if (!status &&
+            prt_integer_lights_init(integers, group->n_light, job->kernels->quads, group->n,
+                                    group->coef, (const float(*)[4])group->most))
             job->integers = fill.integers = integers;
     }
     if (!takes_table(job, group->n_light) && !job->integers) table = NULL;
@@ -227,7 +231,7 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
             status = prt_fail(ctx, PRT_NOMEM, "no memory for a table of %u lights", n_light);
     }
     for (unsigned l = 0, n; l < n_light && !status; l += n) {
-        n = full ? 1 : group_size(n_light - l, job->together);
+        n = full ? 1 : group_size(job, n_light - l);
         job->n_light = n;
         job->out = out + l * job->light_pitch;
         group.n_light = n;

@@ -273,7 +273,8 @@ static void make_integers(const struct prt_kernels *k, const struct row_case *c,
                     most[l][ch], fabsf(prt_pair_gain(n, i) * c->coef[l][4 * (size_t)i + ch]));
     q->lane = prt_alloc(n_coef, 64);
     assert_non_null(q->lane);
-    assert_true(prt_integer_lights_init(q, c->n_light, n, c->coef, (const float(*)[4])most));
+    assert_true(
+        prt_integer_lights_init(q, c->n_light, k->quads, n, c->coef, (const float(*)[4])most));
     k->lights_to_integers(q, c->n_light, c->coef, 0, n_coef);
 }
 
@@ -302,10 +303,11 @@ static void same_lanes(const struct row_case *c, const struct integer_lights *a,
                        const struct integer_lights *b)
 {
     const uint32_t face = c->options.cube * c->options.cube;
-    const size_t lanes = c->n_light == 1 ? 4 : 32;
     for (size_t i = 0; i < c->n_coef; i++) // scaling coefficients are not read
-        if (i % face && memcmp(a->lane + lanes * i, b->lane + lanes * i, 2 * lanes))
-            fail_msg("lights_to_integers: coefficient %zu differs from its C twin's", i);
+        for (unsigned l = 0; l < c->n_light && i % face; l++)
+            if (memcmp(a->lane + a->lanes * i + integer_lane_of(a, l),
+                       b->lane + b->lanes * i + integer_lane_of(b, l), 8))
+                fail_msg("lights_to_integers: coefficient %zu differs from its C twin's", i);
 }
 
 static void check_integers(struct row_case *c, bool timed)

@@ -45,15 +45,16 @@ static int prepare(struct bench_env *env, struct job *job, struct prt_cube cube[
     return status;
 }
 
-// One light, eight and sixteen in one pass, in turns.
+// One light, and several in one pass, in turns.
 static int frames(struct bench_env *env, const struct prt_transport *t)
 {
-    static const char *const label[3] = {"coefficients", "coefficients_8", "coefficients_16"};
+    static const char *const label[] = {"coefficients", "coefficients_2", "coefficients_4",
+                                        "coefficients_8", "coefficients_16"};
     struct job job = {.env = env, .transport = t};
-    struct turn turn[3] = {{&job, 1}, {&job, 8}, {&job, 16}};
+    struct turn turn[] = {{&job, 1}, {&job, 2}, {&job, 4}, {&job, 8}, {&job, 16}};
     struct prt_cube cube[MOST] = {0};
     int status = prepare(env, &job, cube);
-    for (int i = 0; i < 3 && !status; i++) {
+    for (int i = 0; i < 5 && !status; i++) {
         void *const turns[2] = {&turn[0], &turn[i]};
         struct bench_time time[2];
         status = bench_compare(env, run_turn, turns, time);
