@@ -17,6 +17,25 @@ PRT_INLINE void load_scaling(const uint16_t *p, __m128 out[6])
         out[f] = _mm_cvtph_ps(_mm_loadl_epi64((const __m128i *)(p + 3 * f)));
     out[5] = _mm_cvtph_ps(_mm_srli_epi64(_mm_loadl_epi64((const __m128i *)(p + 14)), 16));
 }
+
+// The n <= 8 halves at p, and zeros behind them. `before`: those before them, too, may be read,
+// as many as eight are more than n. A copy of them would be waited for.
+PRT_INLINE __m256 halves(const uint16_t *p, uint32_t n, bool before)
+{
+    static const uint8_t from[32] = {0,    1,    2,    3,    4,    5,    6,    7,
+                                     8,    9,    10,   11,   12,   13,   14,   15,
+                                     0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80,
+                                     0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80};
+    uint64_t raw[2] = {0, 0};
+    if (n == 8) return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
+    if (before) {
+        const __m128i last = _mm_loadu_si128((const __m128i *)(p - (8 - n)));
+        const __m128i places = _mm_loadu_si128((const __m128i *)(from + 2 * (8 - n)));
+        return _mm256_cvtph_ps(_mm_shuffle_epi8(last, places));
+    }
+    memcpy(raw, p, 2 * (size_t)n);
+    return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)raw));
+}
 PRT_ISA_END
 
 void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,

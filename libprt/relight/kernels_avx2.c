@@ -147,7 +147,7 @@ PRT_INLINE void diagonal_part(const struct prt_rows *rows, uint32_t row, const f
     for (size_t f = 0; f < 6; f++)
         for (uint32_t z = 0; z < nz; z++)
             dc[z] = _mm256_fmadd_ps(
-                load_values(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, false, have[z]),
+                halves(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, have[z], j0 + z > 0),
                 light_lanes(light + 4 * face * f, map[z]), dc[z]);
     for (uint32_t z = 0; z < nz; z++) {
         float lanes[8], base[8];
@@ -279,7 +279,7 @@ PRT_INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float
     for (size_t f = 0; f < 6; f++)
         for (uint32_t z = 0; z < nz; z++) {
             __m256 v =
-                load_values(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, false, have[z]);
+                halves(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, have[z], j0 + z > 0);
             for (int ch = 0; ch < 3; ch++)
                 dc[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(light + 4 * face * f + ch),
                                             dc[z][ch]);

@@ -93,7 +93,7 @@ PRT_INLINE void diagonal_triple(const struct prt_rows *rows, uint32_t row, const
         x = vmulq_f32(x, vld1q_f32(scale));
     }
     for (size_t f = 0; f < 6; f++)
-        x = vfmaq_f32(x, load3(rows->scaling + (6ull * row + f) * n + j0, false, false),
+        x = vfmaq_f32(x, load3(rows->scaling + (6ull * row + f) * n + j0, false, f < 5),
                       vld1q_f32(light + 4 * face * f));
     store3(out + j0, x);
 }
@@ -213,7 +213,7 @@ PRT_INLINE void group_triple(const struct prt_rows *rows, uint32_t row, const fl
         for (int z = 0; z < 6; z++) sum.x[z] = vmulq_f32(sum.x[z], s.x[z % 3]);
     }
     for (uint32_t f = 0; f < 6; f++)
-        add_lights(&sum, load3(rows->scaling + (6ull * row + f) * n + j0, false, false), table,
+        add_lights(&sum, load3(rows->scaling + (6ull * row + f) * n + j0, false, f < 5), table,
                    face * f);
     float all[LIGHT_LANES];
     for (int z = 0; z < 6; z++) vst1q_f32(all + 4 * z, sum.x[z]);

@@ -13,13 +13,6 @@ PRT_INLINE __m256 bytes(const int8_t *p, uint32_t n)
     return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_cvtsi64_si128(raw)));
 }
 
-PRT_INLINE __m256 halves(const uint16_t *p, uint32_t n)
-{
-    int64_t raw[2] = {0, 0};
-    memcpy(raw, p, 2 * (size_t)(n < 8 ? n : 8));
-    return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)raw));
-}
-
 // Components [d0, d0 + 8) of a row of n: lanes[ch][d].
 static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
                  const float *light, float lanes[3][PRT_ROWS_MOST_DIRECTIONS])
@@ -51,13 +44,13 @@ static void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uin
     const uint16_t *mix = rows->mix + (uint64_t)rows->direction[row] * J + j;
     __m256 sum[3] = {_mm256_setzero_ps(), _mm256_setzero_ps(), _mm256_setzero_ps()};
     for (size_t f = 0; f < 6; f++) {
-        __m256 v = halves(scaling + f * J, left);
+        __m256 v = halves(scaling + f * J, left, j > 0);
         for (int ch = 0; ch < 3; ch++)
             sum[ch] =
                 _mm256_fmadd_ps(v, _mm256_broadcast_ss(light + 4 * face * f + ch), sum[ch]);
     }
     for (uint32_t d = 0; d < n; d++) {
-        __m256 v = halves(mix + (size_t)d * J, left);
+        __m256 v = halves(mix + (size_t)d * J, left, j > 0);
         for (int ch = 0; ch < 3; ch++)
             sum[ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(&lanes[ch][d]), sum[ch]);
     }
