@@ -7,9 +7,9 @@
 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_AVX2)
-// r, g, b of a row's scaling coefficients; the fourth lanes are not to be stored. Eight bytes
-// are loaded where six would do, those of the last face from before it: six bytes that are
-// copied and then loaded as eight wait for the copy, which took 40 % of a group's pass.
+// r, g, b of a row's scaling coefficients; the fourth lanes are not to be stored. Each load
+// takes eight bytes, of which six are wanted; that of the last face begins two bytes early.
+// Six bytes copied to the stack and loaded as eight would wait for the copy.
 PRT_INLINE void load_scaling(const uint16_t *p, __m128 out[6])
 {
 #pragma GCC unroll 5
@@ -18,8 +18,8 @@ PRT_INLINE void load_scaling(const uint16_t *p, __m128 out[6])
     out[5] = _mm_cvtph_ps(_mm_srli_epi64(_mm_loadl_epi64((const __m128i *)(p + 14)), 16));
 }
 
-// The n <= 8 halves at p, and zeros behind them. `before`: those before them, too, may be read,
-// as many as eight are more than n. A copy of them would be waited for.
+// The n <= 8 halves at p, and zeros behind them. before: the 8 - n halves in front of them may
+// be read, too; otherwise they are copied first, which is slower.
 PRT_INLINE __m256 halves(const uint16_t *p, uint32_t n, bool before)
 {
     static const uint8_t from[32] = {0,    1,    2,    3,    4,    5,    6,    7,

@@ -149,10 +149,10 @@ static inline uint32_t integer_lane_of(const struct integer_lights *q, unsigned 
     return q->lanes == 32 ? 8 * (light % 4) + 4 * (light / 4) : 4 * light;
 }
 
-// Prepares integer lights of n-cubes (n <= 64) but for their lanes, of which there are 16 where
-// `quads` and the lights are two to four. most[light][ch]: the
-// largest absolute coefficient after the gains, scaling coefficients left out. False where a
-// coefficient is not finite: the caller has to use f32.
+// Prepares integer lights of n-cubes (n <= 64) but for their lanes. quads: two to four lights
+// get 16 lanes, not 32. most[light][ch]: the largest absolute coefficient after the gains,
+// scaling coefficients left out. False where a coefficient is not finite: the caller has to use
+// f32.
 bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, bool quads, uint32_t n,
                              const float *const coef[], const float most[][4]);
 

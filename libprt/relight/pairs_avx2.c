@@ -135,7 +135,8 @@ PRT_INLINE void finish(const struct row_factors *row, const struct integer_light
     store_rgb(out, sum);
 }
 
-// Eight lights: lights 0 and 1, 4 and 5, 2 and 3, 6 and 7.
+// Several lights, in 4 vectors of 32 lanes or 2 of 16. Each vector holds two lights: 0 and 1,
+// 4 and 5, 2 and 3, 6 and 7; of 16 lanes 0 and 2, 1 and 3.
 struct group_integers {
     __m256i x[4];
 };
@@ -152,13 +153,13 @@ PRT_INLINE void add_products(__m256i *sum, __m256i x, __m256i v)
 }
 
 PRT_INLINE void group_pair(struct group_integers *s, const int16_t *lane, const uint16_t *index,
-                           const int16_t *entry, bool whole)
+                           const int16_t *entry, bool whole, const uint32_t lanes)
 {
     const __m256i v = _mm256_broadcastsi128_si256(load_pair(entry, whole));
-    const __m256i *first = (const __m256i *)(lane + 32 * (size_t)index[0]);
-    const __m256i *second = (const __m256i *)(lane + 32 * (size_t)index[1]);
+    const __m256i *first = (const __m256i *)(lane + lanes * (size_t)index[0]);
+    const __m256i *second = (const __m256i *)(lane + lanes * (size_t)index[1]);
 #pragma GCC unroll 2
-    for (int h = 0; h < 2; h++) {
+    for (uint32_t h = 0; h < lanes / 16; h++) {
         const __m256i a = _mm256_loadu_si256(first + h), b = _mm256_loadu_si256(second + h);
         const __m256i lo = _mm256_unpacklo_epi16(a, b), hi = _mm256_unpackhi_epi16(a, b);
         add_products(&s->x[2 * h], lo, v);
@@ -167,20 +168,22 @@ PRT_INLINE void group_pair(struct group_integers *s, const int16_t *lane, const 
 }
 
 PRT_INLINE void group_block(const int16_t *lane, const uint16_t *index, const int16_t *entry,
-                            const uint32_t n, bool whole, struct group_floats *sum)
+                            const uint32_t n, bool whole, const uint32_t lanes,
+                            struct group_floats *sum)
 {
     struct group_integers s;
 #pragma GCC unroll 4
-    for (int i = 0; i < 4; i++) s.x[i] = _mm256_setzero_si256();
+    for (uint32_t i = 0; i < lanes / 8; i++) s.x[i] = _mm256_setzero_si256();
 #pragma GCC unroll 8
-    for (uint32_t k = 0; k < n; k += 2) group_pair(&s, lane, index + k, entry + 3 * k, whole);
+    for (uint32_t k = 0; k < n; k += 2)
+        group_pair(&s, lane, index + k, entry + 3 * k, whole, lanes);
 #pragma GCC unroll 4
-    for (int i = 0; i < 4; i++)
+    for (uint32_t i = 0; i < lanes / 8; i++)
         sum->x[i] = _mm256_add_ps(sum->x[i], _mm256_cvtepi32_ps(s.x[i]));
 }
 
 PRT_INLINE struct group_floats group_row(const struct prt_rows *rows, uint32_t row,
-                                         const int16_t *lane)
+                                         const int16_t *lane, const uint32_t lanes)
 {
     struct group_floats sum;
     const uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
@@ -188,93 +191,49 @@ PRT_INLINE struct group_floats group_row(const struct prt_rows *rows, uint32_t r
     const uint16_t *index = (const uint16_t *)rows->index + e;
     const int16_t *entry = (const int16_t *)rows->entry + 3 * e;
 #pragma GCC unroll 4
-    for (int i = 0; i < 4; i++) sum.x[i] = _mm256_setzero_ps();
+    for (uint32_t i = 0; i < lanes / 8; i++) sum.x[i] = _mm256_setzero_ps();
     for (; e + PRT_PAIR_BLOCK <= stop && e + PRT_PAIR_BLOCK < n_entry; e += PRT_PAIR_BLOCK) {
         ask_ahead(entry, index);
-        group_block(lane, index, entry, PRT_PAIR_BLOCK, true, &sum);
+        group_block(lane, index, entry, PRT_PAIR_BLOCK, true, lanes, &sum);
         index += PRT_PAIR_BLOCK;
         entry += 3 * PRT_PAIR_BLOCK;
     }
-    if (e < stop) group_block(lane, index, entry, (uint32_t)(stop - e), false, &sum);
+    if (e < stop) group_block(lane, index, entry, (uint32_t)(stop - e), false, lanes, &sum);
     return sum;
-}
-
-// Up to four lights: 0 and 2, 1 and 3.
-struct quad_integers {
-    __m256i x[2];
-};
-struct quad_floats {
-    __m256 x[2];
-};
-
-PRT_INLINE void quad_pair(struct quad_integers *s, const int16_t *lane, const uint16_t *index,
-                          const int16_t *entry, bool whole)
-{
-    const __m256i v = _mm256_broadcastsi128_si256(load_pair(entry, whole));
-    const __m256i a = _mm256_load_si256((const __m256i *)(lane + 16 * (size_t)index[0]));
-    const __m256i b = _mm256_load_si256((const __m256i *)(lane + 16 * (size_t)index[1]));
-    add_products(&s->x[0], _mm256_unpacklo_epi16(a, b), v);
-    add_products(&s->x[1], _mm256_unpackhi_epi16(a, b), v);
-}
-
-PRT_INLINE void quad_block(const int16_t *lane, const uint16_t *index, const int16_t *entry,
-                           const uint32_t n, bool whole, struct quad_floats *sum)
-{
-    struct quad_integers s = {{_mm256_setzero_si256(), _mm256_setzero_si256()}};
-#pragma GCC unroll 8
-    for (uint32_t k = 0; k < n; k += 2) quad_pair(&s, lane, index + k, entry + 3 * k, whole);
-    for (int i = 0; i < 2; i++)
-        sum->x[i] = _mm256_add_ps(sum->x[i], _mm256_cvtepi32_ps(s.x[i]));
-}
-
-PRT_INLINE struct quad_floats quad_row(const struct prt_rows *rows, uint32_t row,
-                                       const int16_t *lane)
-{
-    struct quad_floats sum = {{_mm256_setzero_ps(), _mm256_setzero_ps()}};
-    const uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
-    uint64_t e = rows->begin[row];
-    const uint16_t *index = (const uint16_t *)rows->index + e;
-    const int16_t *entry = (const int16_t *)rows->entry + 3 * e;
-    for (; e + PRT_PAIR_BLOCK <= stop && e + PRT_PAIR_BLOCK < n_entry; e += PRT_PAIR_BLOCK) {
-        ask_ahead(entry, index);
-        quad_block(lane, index, entry, PRT_PAIR_BLOCK, true, &sum);
-        index += PRT_PAIR_BLOCK;
-        entry += 3 * PRT_PAIR_BLOCK;
-    }
-    if (e < stop) quad_block(lane, index, entry, (uint32_t)(stop - e), false, &sum);
-    return sum;
-}
-
-PRT_INLINE __m128 half_of(__m256 x, unsigned half)
-{
-    return half ? _mm256_extractf128_ps(x, 1) : _mm256_castps256_ps128(x);
 }
 
 // The part of group_floats and its half that hold light l.
-PRT_INLINE __m128 light_of(const struct group_floats *sum, unsigned l)
+PRT_INLINE __m128 light_of(const struct group_floats *sum, unsigned l, const uint32_t lanes)
 {
-    return half_of(sum->x[(l & 2) + (l >> 2)], l & 1);
+    const __m256 x = sum->x[lanes == 16 ? l & 1 : (l & 2) + (l >> 2)];
+    const unsigned half = lanes == 16 ? l >> 1 : l & 1;
+    return half ? _mm256_extractf128_ps(x, 1) : _mm256_castps256_ps128(x);
+}
+
+// Rows under several lights.
+PRT_INLINE void group_rows(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                           const struct integer_lights *q, unsigned n_light, size_t light_pitch,
+                           size_t row_pitch, const uint32_t lanes, float *out)
+{
+    for (uint32_t row = begin; row < end; row++, out += row_pitch) {
+        const struct row_factors factors = load_factors(rows, row);
+        const struct group_floats sum = group_row(rows, row, q->lane, lanes);
+        for (unsigned l = 0; l < n_light; l++)
+            finish(&factors, q, l, light_of(&sum, l, lanes), out + l * light_pitch);
+    }
 }
 
 void prt_pairs_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                     const struct integer_lights *q, unsigned n_light, size_t light_pitch,
                     size_t row_pitch, float *out)
 {
-    for (uint32_t row = begin; row < end; row++, out += row_pitch) {
+    if (q->lanes == 32)
+        group_rows(rows, begin, end, q, n_light, light_pitch, row_pitch, 32, out);
+    if (q->lanes == 16)
+        group_rows(rows, begin, end, q, n_light, light_pitch, row_pitch, 16, out);
+    for (uint32_t row = begin; row < end && q->lanes == 4; row++, out += row_pitch) {
         const struct row_factors factors = load_factors(rows, row);
-        if (n_light == 1) {
-            finish(&factors, q, 0, one_row(rows, row, q->lane), out);
-            continue;
-        }
-        if (q->lanes == 16) {
-            const struct quad_floats sum = quad_row(rows, row, q->lane);
-            for (unsigned l = 0; l < n_light; l++)
-                finish(&factors, q, l, half_of(sum.x[l & 1], l >> 1), out + l * light_pitch);
-            continue;
-        }
-        const struct group_floats sum = group_row(rows, row, q->lane);
-        for (unsigned l = 0; l < n_light; l++)
-            finish(&factors, q, l, light_of(&sum, l), out + l * light_pitch);
+        finish(&factors, q, 0, one_row(rows, row, q->lane), out);
     }
 }
 

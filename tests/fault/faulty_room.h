@@ -9,7 +9,7 @@
 
 static char model[ID_SIZE], room[33];
 
-// The options have to contain --room-idle 0, so that a room leaves memory after each request.
+// options must contain --room-idle 0: the room then leaves memory after each request.
 static inline void faults_setup_room(const char *const *options, const char *name)
 {
     faults_setup();

@@ -54,7 +54,7 @@ static int frames(struct bench_env *env, const struct prt_transport *t)
     struct turn turn[] = {{&job, 1}, {&job, 2}, {&job, 4}, {&job, 8}, {&job, 16}};
     struct prt_cube cube[MOST] = {0};
     int status = prepare(env, &job, cube);
-    for (int i = 0; i < 5 && !status; i++) {
+    for (size_t i = 0; i < sizeof turn / sizeof *turn && !status; i++) {
         void *const turns[2] = {&turn[0], &turn[i]};
         struct bench_time time[2];
         status = bench_compare(env, run_turn, turns, time);
