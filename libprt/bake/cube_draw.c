@@ -28,8 +28,8 @@ struct draw_loops {
                     float *const plane[3][3], struct window_lanes out[6]);
     void (*draw)(const struct draw_window *window, uint32_t n_window, float *const plane[3][3],
                  const float *slope, uint32_t n, float *nearness, uint32_t *at);
-    uint32_t (*look)(const struct drawing *drawing, const float *slope, uint32_t n_coef,
-                     const uint32_t texel[16], float most, float t[16], uint32_t at[16]);
+    uint32_t (*look)(const struct drawing *drawing, const uint32_t texel[16],
+                     const float length[16], float most, float t[16], uint32_t at[16]);
     void (*hits)(const struct nearby *near, const float from[3], const uint32_t at[16],
                  const float t[16], struct prt_packet *packet, struct corners *normals);
 };
@@ -170,11 +170,10 @@ void prt_draw(const struct directions *d, unsigned pattern, const float p[3], ui
     }
 }
 
-uint32_t prt_draw_look(unsigned cpu, const struct drawing *drawing, const float *slope,
-                       uint32_t n_coef, const uint32_t texel[16], float most, float t[16],
-                       uint32_t at[16])
+uint32_t prt_draw_look(unsigned cpu, const struct drawing *drawing, const uint32_t texel[16],
+                       const float length[16], float most, float t[16], uint32_t at[16])
 {
-    return loops_of(cpu)->look(drawing, slope, n_coef, texel, most, t, at);
+    return loops_of(cpu)->look(drawing, texel, length, most, t, at);
 }
 
 void prt_draw_hits(unsigned cpu, const struct nearby *near, const struct drawing *drawing,

@@ -48,12 +48,11 @@ struct corners {
     float n[3][3][16]; /* [corner][axis] */
 };
 /* Reads 16 texels of a drawing: the distance t [mm] of the triangle that is seen and its number
- * `at` in `nearby`, or UINT32_MAX where no triangle is within `most` mm. slope: of the pattern
- * that was drawn with (prt_direction_slopes). Returns the lanes whose answer is certain; for
- * the others a ray must be cast. */
-uint32_t prt_draw_look(unsigned cpu, const struct drawing *drawing, const float *slope,
-                       uint32_t n_coef, const uint32_t texel[16], float most, float t[16],
-                       uint32_t at[16]);
+ * `at` in `nearby`, or UINT32_MAX where no triangle is within `most` mm. length: of the texels'
+ * directions (s, t, 1). Returns the lanes whose answer is certain; for the others a ray must be
+ * cast. */
+uint32_t prt_draw_look(unsigned cpu, const struct drawing *drawing, const uint32_t texel[16],
+                       const float length[16], float most, float t[16], uint32_t at[16]);
 /* Writes what rays from the drawing's point hit, as prt_scene_intersect16 does: t, u, v, g and
  * triangle of the packet, whose directions are given, and the vertex normals of the triangles.
  * at, t: of prt_draw_look. */

@@ -18,7 +18,7 @@ PRT_INLINE void PRT_KERNEL(crosses)(const float v[3][3][16], float out[3][3][16]
 // Planes through the point and two corners of each of 16 triangles. Towards d, the dot products
 // with the three are the shares of the corners times 1/r, where d r is the triangle's point;
 // all are positive where the triangle is seen. And the window of texels of each face that a
-// triangle may cover; low_x > high_x: none.
+// triangle may cover; high_x < 0: none.
 static void PRT_KERNEL(project)(const struct nearby *near, uint32_t first, const float from[3],
                                 uint32_t n, float *const plane[3][3],
                                 struct window_lanes out[6])
@@ -81,7 +81,7 @@ static void PRT_KERNEL(draw)(const struct draw_window *window, uint32_t n_window
                              float *const plane[3][3], const float *slope, uint32_t n,
                              float *restrict nearness, uint32_t *restrict at)
 {
-    const uint32_t n_coef = 6 * n * n;
+    const uint32_t n_coef = 6 * n * n, wide = PRT_ISA_LANES;
     for (uint32_t w = 0; w < n_window; w++) {
         const struct draw_window *win = &window[w];
         const struct face_axes *axes = &face_axes[win->face];
@@ -93,14 +93,12 @@ static void PRT_KERNEL(draw)(const struct draw_window *window, uint32_t n_window
             m[c] = axes->sign_m * plane[c][axes->m][k];
         }
         for (uint32_t y = win->low_y; y <= win->high_y; y++)
-            for (uint32_t x = win->low_x; x <= win->high_x; x += 16) {
-                // Sixteen texels of the row; those beyond the window do no harm.
-                uint32_t from = x + 16 <= n ? x : n - 16;
-                size_t first = ((size_t)win->face * n + y) * n + from;
+            for (uint32_t x = win->low_x / wide * wide; x <= win->high_x; x += wide) {
+                size_t first = ((size_t)win->face * n + y) * n + x;
                 const float *sx = slope + first, *ty = slope + n_coef + first;
                 float *best = nearness + first;
                 uint32_t *of = at + first;
-                for (int i = 0; i < 16; i++) {
+                for (uint32_t i = 0; i < wide; i++) {
                     float a = s[0] * sx[i] + (t[0] * ty[i] + m[0]);
                     float b = s[1] * sx[i] + (t[1] * ty[i] + m[1]);
                     float c = s[2] * sx[i] + (t[2] * ty[i] + m[2]);
@@ -113,19 +111,18 @@ static void PRT_KERNEL(draw)(const struct draw_window *window, uint32_t n_window
     }
 }
 
-static uint32_t PRT_KERNEL(look)(const struct drawing *drawing, const float *slope,
-                                 uint32_t n_coef, const uint32_t texel[16], float most,
-                                 float t[16], uint32_t at[16])
+static uint32_t PRT_KERNEL(look)(const struct drawing *drawing, const uint32_t texel[16],
+                                 const float length[16], float most, float t[16],
+                                 uint32_t at[16])
 {
-    const float *nearness = drawing->nearness, *slope_t = slope + n_coef;
+    const float *nearness = drawing->nearness;
     const float certain = drawing->certain_mm, reach = certain < most ? certain : most;
     const bool all = certain >= most;
     uint32_t known[16], mask = 0;
     for (int i = 0; i < 16; i++) {
-        float near = nearness[texel[i]], x = slope[texel[i]], y = slope_t[texel[i]];
-        float length = sqrtf(1 + x * x + y * y);
-        bool seen = near * reach > length;
-        t[i] = length / (seen ? near : 1);
+        float near = nearness[texel[i]];
+        bool seen = near * reach > length[i];
+        t[i] = length[i] / (seen ? near : 1);
         at[i] = seen ? drawing->at[texel[i]] : UINT32_MAX;
         known[i] = seen | all;
     }

@@ -234,31 +234,52 @@ static void want_place(struct horizon *h, uint32_t place)
         trace_place(h, place);
 }
 
-int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
+// The pair of 32 bins of a triangle's corner k that lies at `at`; traces it if it is not yet.
+static inline uint64_t corner_pair(struct horizon *h, uint32_t triangle, int k,
+                                   const _Atomic uint64_t *at)
 {
-    const uint32_t *corner = prt_scene_mesh(h->scene)->triangle[triangle];
-    if (h->places.level[triangle]) return 0;
-    uint64_t visible = 1, blocked = 1;
-    if (h->words != FINE_PAIRS) bin = h->parent[bin];
-    for (int k = 0; k < 3 && (visible || blocked); k++) {
-        const _Atomic uint64_t *at = &h->certain[(size_t)corner[k] * h->words + bin / 32];
-        uint64_t pair = atomic_load_explicit(at, memory_order_relaxed);
-        if (!pair) { // 32 uncertain bins, or not traced yet
-            want_place(h, corner[k]);
-            pair = atomic_load_explicit(at, memory_order_relaxed);
-        }
-        visible &= pair >> bin % 32;
-        blocked &= pair >> 32 >> bin % 32;
-    }
-    return (int)visible - (int)blocked;
+    uint64_t pair = atomic_load_explicit(at, memory_order_relaxed);
+    if (pair) return pair;
+    // 32 uncertain bins, or not traced yet
+    want_place(h, prt_scene_mesh(h->scene)->triangle[triangle][k]);
+    return atomic_load_explicit(at, memory_order_relaxed);
 }
 
-void prt_horizon_prefetch(const struct horizon *h, uint32_t triangle, uint32_t bin)
+void prt_horizon_bins(struct horizon *h, uint32_t mask, const uint32_t triangle[16],
+                      const uint16_t *bins, const uint32_t texel[16], uint32_t *visible,
+                      uint32_t *blocked)
 {
-    const uint32_t *corner = prt_scene_mesh(h->scene)->triangle[triangle];
-    if (h->words != FINE_PAIRS) bin = h->parent[bin];
-    for (int k = 0; k < 3; k++)
-        __builtin_prefetch((const void *)&h->certain[(size_t)corner[k] * h->words + bin / 32]);
+    const struct prt_mesh *mesh = prt_scene_mesh(h->scene);
+    const _Atomic uint64_t *at[16][3];
+    uint32_t bin[16];
+    *visible = *blocked = 0;
+    for (uint32_t m = mask; m; m &= m - 1) { // asks for the memory that will be read
+        const uint32_t i = (uint32_t)__builtin_ctz(m), *corner = mesh->triangle[triangle[i]];
+        bin[i] = bins[texel[i]];
+        if (h->words != FINE_PAIRS) bin[i] = h->parent[bin[i]];
+        for (int k = 0; k < 3; k++) {
+            at[i][k] = &h->certain[(size_t)corner[k] * h->words + bin[i] / 32];
+            __builtin_prefetch((const void *)at[i][k]);
+        }
+    }
+    for (uint32_t m = mask; m; m &= m - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(m);
+        if (h->places.level[triangle[i]]) continue;
+        const uint64_t either = (uint64_t)1 << bin[i] % 32 | (uint64_t)1 << 32 << bin[i] % 32;
+        uint64_t pair = either;
+        for (int k = 0; k < 3 && pair; k++) pair &= corner_pair(h, triangle[i], k, at[i][k]);
+        *visible |= (uint32_t)(pair >> bin[i] % 32 & 1) << i;
+        *blocked |= (uint32_t)(pair >> 32 >> bin[i] % 32 & 1) << i;
+    }
+}
+
+int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
+{
+    const uint32_t triangles[16] = {triangle}, texel[16] = {0};
+    const uint16_t bins[1] = {(uint16_t)bin};
+    uint32_t visible, blocked;
+    prt_horizon_bins(h, 1, triangles, bins, texel, &visible, &blocked);
+    return (int)visible - (int)blocked;
 }
 
 unsigned prt_horizon_around(const struct horizon *h, uint32_t triangle, float u, float v,

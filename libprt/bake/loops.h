@@ -13,8 +13,13 @@ struct bake_loops {
     uint32_t (*prepare)(const struct directions *d, size_t at, const float n[3],
                         const float f[3], const struct fresnel_table *fresnel,
                         struct prt_packet *packet, float *value, float *share);
-    void (*refract)(const struct prt_packet *packet, const struct corners *corner, float eta,
-                    struct lanes *out);
+    void (*aim)(const struct directions *d, const float *slope, const uint32_t number[16],
+                struct prt_packet *packet, uint32_t texel[16], float length[16]);
+    uint32_t (*refract)(const struct prt_packet *packet, const struct corners *corner,
+                        float eta, const struct fresnel_table *fresnel, float far_mm,
+                        struct lanes *out);
+    void (*attenuate)(const struct exits *e, uint32_t n, uint32_t stride, float weakest,
+                      float depth, float *out);
     void (*steps)(const float *value, uint32_t wide, float *step);
     void (*subdivide)(const struct knots *k, uint32_t n_node, uint32_t substeps,
                       float out[PATH_POINTS][PATH_TILE]);

@@ -31,13 +31,42 @@ static uint32_t PRT_KERNEL(prepare)(const struct directions *d, size_t at, const
     return mask;
 }
 
-// Path lengths s_i' (METHODS §1, W05 eq 5) and refracted directions of 16 rays. The cosine is 0
-// where the ray hit a front face (its start is outside) or leaves below the shading normal's
-// horizon.
-static void PRT_KERNEL(refract)(const struct prt_packet *packet, const struct corners *corner,
-                                float eta, struct lanes *out)
+// Directions of the pattern's rays with these numbers, their texels, and the lengths of
+// (s, t, 1) on the faces. slope: prt_direction_slopes. The choices are those of
+// prt_cube_direction.
+static void PRT_KERNEL(aim)(const struct directions *d, const float *slope,
+                            const uint32_t number[16], struct prt_packet *packet,
+                            uint32_t texel[16], float length[16])
+{
+    const unsigned log_n = (unsigned)__builtin_ctz(d->n);
+    const uint32_t half = d->n / 2;
+    for (int i = 0; i < 16; i++) {
+        uint32_t block = number[i] >> 2, y = block >> (log_n - 1), x = block & (half - 1);
+        texel[i] = ((2 * y + (number[i] >> 1 & 1)) << log_n) + 2 * x + (number[i] & 1);
+    }
+    for (int i = 0; i < 16; i++) {
+        const uint32_t face = texel[i] >> 2 * log_n;
+        const float s = slope[texel[i]], t = slope[d->n_coef + texel[i]];
+        const float r = sqrtf(1 + s * s + t * t), inverse = 1 / r;
+        const float side = face & 1 ? -1 : 1;
+        const float x = face < 2 ? side : face == 5 ? -s : s;
+        const float y = (face | 1) == 3 ? side : -t;
+        const float z = face < 2 ? -side * s : face < 4 ? side * t : side;
+        packet->dx[i] = x * inverse, packet->dy[i] = y * inverse, packet->dz[i] = z * inverse;
+        length[i] = r;
+    }
+}
+
+// Path lengths s_i' (METHODS §1, W05 eq 5), refracted directions and F_t of 16 rays. The cosine
+// is 0 where the ray hit a front face (its start is outside) or leaves below the shading
+// normal's horizon. Returns the lanes that leave the body.
+static uint32_t PRT_KERNEL(refract)(const struct prt_packet *packet,
+                                    const struct corners *corner, float eta,
+                                    const struct fresnel_table *fresnel, float far_mm,
+                                    struct lanes *out)
 {
     float inv = 1 / eta;
+    uint32_t leave = 0;
     for (int i = 0; i < 16; i++) {
         float u = packet->u[i], v = packet->v[i], o = 1 - u - v;
         float dx = packet->dx[i], dy = packet->dy[i], dz = packet->dz[i];
@@ -60,6 +89,29 @@ static void PRT_KERNEL(refract)(const struct prt_packet *packet, const struct co
         out->dir[0][i] = dx * inv + bend * x;
         out->dir[1][i] = dy * inv + bend * y;
         out->dir[2][i] = dz * inv + bend * z;
+    }
+    for (int i = 0; i < 16; i++) {
+        const bool found = out->path_mm[i] > 0;
+        const float transmittance = fresnel_table_eval(fresnel, out->cosine[i]);
+        out->transmittance[i] = found ? transmittance : 0;
+        out->path_mm[i] = found ? out->path_mm[i] : far_mm;
+        for (int k = 0; k < 3; k++) out->dir[k][i] = found ? out->dir[k][i] : 0;
+    }
+    for (int i = 0; i < 16; i++) leave |= (uint32_t)(out->cosine[i] > 0) << i;
+    return leave;
+}
+
+// Transmittance times attenuation at the first texel of each square of stride x stride texels.
+static void PRT_KERNEL(attenuate)(const struct exits *e, uint32_t n, uint32_t stride,
+                                  float weakest, float depth, float *restrict out)
+{
+    const uint32_t wide = n / stride;
+    for (uint32_t row = 0; row < 6 * wide; row++) {
+        const float *path_mm = e->path_mm + (size_t)row * stride * n;
+        const float *transmittance = e->transmittance + (size_t)row * stride * n;
+        for (uint32_t x = 0; x < wide; x++)
+            out[row * wide + x] =
+                transmittance[x * stride] * exp_minus(weakest * (path_mm[x * stride] + depth));
     }
 }
 
@@ -318,7 +370,9 @@ static void PRT_KERNEL(raise_share)(const float *x, float scale, float *share, u
 
 static const struct bake_loops PRT_KERNEL(loops) = {
     .prepare = PRT_KERNEL(prepare),
+    .aim = PRT_KERNEL(aim),
     .refract = PRT_KERNEL(refract),
+    .attenuate = PRT_KERNEL(attenuate),
     .steps = PRT_KERNEL(steps),
     .subdivide = PRT_KERNEL(subdivide),
     .integrate_isotropic = PRT_KERNEL(integrate_isotropic),

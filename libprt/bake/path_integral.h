@@ -22,10 +22,10 @@ struct scratch {
     struct exits of_eta[PRT_ETA_MOST_NODES][SINGLE_MAX_NODES]; /* of plan->eta */
     float *cosine; /* [n_coef] between texel or cell and vertex normal */
     /* Per node, to find where neighbours differ: */
-    float *value[SINGLE_MAX_NODES];     /* [n_coef/4] light through a block of 2 x 2 texels */
+    float *value[SINGLE_MAX_NODES];     /* [n_coef/4] light through a block of 2 x 2 texels, or
+                                         * before through a tile of 2 x 2 blocks */
     float *uncertain[SINGLE_MAX_NODES]; /* [n_coef/4] most light that unknown visibility of a
                                          * block may hide; 0: visibility is certain */
-    float *coarse[SINGLE_MAX_NODES];    /* [n_coef/16] light through a tile of 2 x 2 blocks */
     float *step[SINGLE_MAX_NODES]; /* [n_coef/4] most that a block, or before a tile, differs
                                     * from its neighbours */
     float *fine[SINGLE_MAX_NODES]; /* [n_coef/16] 1: every block of the tile was traced */
@@ -33,6 +33,7 @@ struct scratch {
     uint32_t *cell;  /* [n_coef] cell of each texel */
     uint32_t *first; /* [n_cell] a texel of each cell; NULL: every direction is a cell */
     uint8_t *split;  /* [n_coef/4] 1: the block's texels were traced apart at some node */
+    uint32_t *list;  /* [n_coef + 16] numbers of the rays of one node */
     float *y;        /* [PATH_MAX_PHASE] SH of one direction */
     struct draw_room draw;
 };

@@ -10,12 +10,12 @@
 #include <string.h>
 
 // Floats of one direction: the exits of the nodes at each index, the values that compare them
-// (value, uncertain and step 1/4 each, coarse and fine 1/16 each), and cosine, cell, first and
-// split.
+// (value, uncertain and step 1/4 each, coarse and fine 1/16 each), and cosine, cell, first,
+// split and list.
 size_t prt_single_scratch_bytes(const struct single_plan *plan)
 {
-    const size_t arrays = SINGLE_MAX_NODES * (5 * (size_t)plan->n_eta + 2) + 4;
-    return (arrays * plan->n_direction + 64 + 16) * sizeof(float) +
+    const size_t arrays = SINGLE_MAX_NODES * (5 * (size_t)plan->n_eta + 2) + 5;
+    return (arrays * plan->n_direction + 64 + 32) * sizeof(float) +
            prt_draw_bytes(plan->n_direction, SINGLE_MAX_NODES);
 }
 
@@ -33,14 +33,14 @@ static void carve(const struct single_plan *plan, void *memory, struct scratch *
     for (int a = 0; a < SINGLE_MAX_NODES; a++) {
         s->value[a] = at;
         s->uncertain[a] = at + n / 4;
-        s->coarse[a] = at + n / 2;
-        s->fine[a] = at + n / 2 + n / 4, at += n;
+        s->fine[a] = at + n / 2, at += n;
         s->step[a] = at, at += n / 4;
     }
     s->cosine = at, at += n;
     s->cell = (uint32_t *)at, at += n;
     s->first = (uint32_t *)at, at += n;
     s->split = (uint8_t *)at, at += n;
+    s->list = (uint32_t *)at, at += n + 16;
     s->y = at;
     size_t used = (size_t)((char *)(at + 64) - (char *)memory);
     prt_draw_carve((char *)memory + (used + 63) / 64 * 64, n, SINGLE_MAX_NODES, &s->draw);
@@ -66,11 +66,12 @@ static uint32_t make_cells(const struct single_plan *plan, struct scratch *s)
 {
     const struct directions *d = plan->directions;
     uint32_t wide = d->n / 4, n_cell = 0, at[16];
+    const unsigned log_wide = (unsigned)__builtin_ctz(wide);
     for (uint32_t t = 0; t < 6 * wide * wide; t++) {
         bool fine = false;
         for (uint32_t a = 0; a < plan->n_node; a++) fine |= s->fine[a][t] > 0;
         for (uint32_t j = 0; j < 4; j++) {
-            uint32_t b = block_of(t, j, wide);
+            uint32_t b = block_of(t, j, log_wide);
             memcpy(at + j * 4, d->texel + (size_t)b * 4, 4 * sizeof *at);
             if (!fine) continue;
             if (!s->split[b]) add_cell(s, at + j * 4, 4, &n_cell);

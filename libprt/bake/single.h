@@ -6,7 +6,7 @@
 
 #include "bake/path_integral.h"
 
-/* Exits of up to 16 rays. path_mm 0 and transmittance 0: no exit was found. */
+/* Exits of up to 16 rays. transmittance 0: no light comes from there. */
 struct lanes {
     float path_mm[16];       /* s_i' [mm] */
     float transmittance[16]; /* F_t(eta, w_i), or 0 */
@@ -15,33 +15,21 @@ struct lanes {
 };
 /* The exits of the lanes of mask, rays from inside the body that found what they hit, out
  * [plan->n_eta], since rays do not depend on eta. transmittance does not yet count occlusion
- * beyond the exit. Returns the lanes that leave the body. */
+ * beyond the exit. Lanes without an exit get the path length far_mm and no light. Returns the
+ * lanes of mask that leave the body. */
 uint32_t prt_exits_of_hits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                            const struct prt_packet *packet, const struct corners *normals,
-                           uint32_t mask, struct lanes *out);
+                           uint32_t mask, float far_mm, struct lanes *out);
 /* The same for rays that are traced first. */
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                         struct prt_packet *packet, uint32_t mask, struct lanes *out);
+                         struct prt_packet *packet, uint32_t mask, float far_mm,
+                         struct lanes *out);
 /* Lane i of `shadow` becomes the ray from lane j's exit onwards, eps [mm] off the triangle. */
 void prt_leave_body(const struct prt_packet *packet, uint32_t j, float eps,
                     struct prt_packet *shadow, uint32_t i);
 /* The lanes among the first `fill` whose ray meets the surface again. Fills the idle lanes. */
 uint32_t prt_blocked_lanes(const struct single_plan *plan, struct prt_packet *shadow,
                            uint32_t fill);
-/* Lanes without an exit get the path length `far_mm` and no light. */
-void prt_fill_missed(struct lanes *lane, float far_mm);
-/* Writes lane i to a texel: path length and transmittance; direction. */
-static inline void prt_store_exit(struct exits *e, uint32_t texel, const struct lanes *lane,
-                                  uint32_t i)
-{
-    e->path_mm[texel] = lane->path_mm[i];
-    e->transmittance[texel] = lane->transmittance[i];
-}
-static inline void prt_store_direction(struct exits *e, uint32_t texel,
-                                       const struct lanes *lane, uint32_t i)
-{
-    for (int k = 0; k < 3; k++) e->dir[k][texel] = lane->dir[k][i];
-}
 /* One ray for each of the light's directions from point p [mm]. Returns the rays cast. */
 uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_table *fresnel,
                         const float p[3], const struct light_directions *light,
@@ -67,10 +55,11 @@ static inline size_t texel_ray(const struct directions *d, unsigned pattern, uin
     return ((size_t)(pattern % d->n_pattern) * d->n_packet + block) * 16 + i * 4 +
            (((pattern >> 6) + i) & 3);
 }
-/* The j-th block (0..3) of tile t, on faces of `wide` tiles. */
-static inline uint32_t block_of(uint32_t t, uint32_t j, uint32_t wide)
+/* The j-th block (0..3) of tile t, on faces of 2^log_wide tiles. */
+static inline uint32_t block_of(uint32_t t, uint32_t j, unsigned log_wide)
 {
-    return (t / wide * 2 + (j >> 1)) * 2 * wide + t % wide * 2 + (j & 1);
+    const uint32_t y = (t >> log_wide) * 2 + (j >> 1), x = (t & ((1u << log_wide) - 1)) * 2;
+    return (y << (log_wide + 1)) + x + (j & 1);
 }
 
 #endif

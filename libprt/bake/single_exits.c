@@ -18,27 +18,23 @@ static void gather_corners(const struct prt_mesh *mesh, const struct prt_packet 
 
 uint32_t prt_exits_of_hits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                            const struct prt_packet *packet, const struct corners *normals,
-                           uint32_t mask, struct lanes *out)
+                           uint32_t mask, float far_mm, struct lanes *out)
 {
     uint32_t leave = 0;
-    for (uint32_t b = 0; b < plan->n_eta; b++) {
-        prt_bake_loops(plan->cpu)->refract(packet, normals, plan->eta[b], &out[b]);
-        for (int i = 0; i < 16; i++) {
-            float transmittance = fresnel_table_eval(&fresnel[b], out[b].cosine[i]);
-            out[b].transmittance[i] = out[b].cosine[i] > 0 ? transmittance : 0;
-        }
-    }
-    for (int i = 0; i < 16; i++) leave |= (uint32_t)(out->cosine[i] > 0) << i;
+    for (uint32_t b = plan->n_eta; b-- > 0;) // the same lanes leave at every index
+        leave = prt_bake_loops(plan->cpu)->refract(packet, normals, plan->eta[b], &fresnel[b],
+                                                   far_mm, &out[b]);
     return leave & mask;
 }
 
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                         struct prt_packet *packet, uint32_t mask, struct lanes *out)
+                         struct prt_packet *packet, uint32_t mask, float far_mm,
+                         struct lanes *out)
 {
     struct corners normals;
     prt_scene_intersect16(plan->scene, packet, mask, false);
     gather_corners(plan->mesh, packet, &normals);
-    return prt_exits_of_hits(plan, fresnel, packet, &normals, mask, out);
+    return prt_exits_of_hits(plan, fresnel, packet, &normals, mask, far_mm, out);
 }
 
 void prt_leave_body(const struct prt_packet *packet, uint32_t j, float eps,
@@ -65,15 +61,6 @@ uint32_t prt_blocked_lanes(const struct single_plan *plan, struct prt_packet *sh
     return prt_scene_occluded16(plan->scene, shadow, mask);
 }
 
-void prt_fill_missed(struct lanes *lane, float far_mm)
-{
-    for (int i = 0; i < 16; i++) {
-        if (lane->path_mm[i] > 0) continue;
-        lane->path_mm[i] = far_mm, lane->transmittance[i] = 0;
-        for (int k = 0; k < 3; k++) lane->dir[k][i] = 0;
-    }
-}
-
 uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_table *fresnel,
                         const float p[3], const struct light_directions *light,
                         struct exits *out)
@@ -91,8 +78,9 @@ uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_tab
             packet.ox[i] = p[0], packet.oy[i] = p[1], packet.oz[i] = p[2];
             packet.tnear[i] = 0, packet.tfar[i] = INFINITY;
         }
-        uint32_t leave = prt_trace_exits(plan, fresnel, &packet, mask, &lane), fill = 0, of[16];
-        prt_fill_missed(&lane, 1e4f); // 10 m: no light comes from there
+        const float far_mm = 1e4f; // 10 m: no light comes from there
+        uint32_t leave = prt_trace_exits(plan, fresnel, &packet, mask, far_mm, &lane);
+        uint32_t fill = 0, of[16];
         for (uint32_t i = 0; i < m; i++)
             if (leave >> i & 1) prt_leave_body(&packet, i, eps, &shadow, fill), of[fill++] = i;
         uint32_t blocked = fill ? prt_blocked_lanes(plan, &shadow, fill) : 0;
@@ -100,8 +88,9 @@ uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_tab
             if (blocked >> i & 1) lane.transmittance[of[i]] = 0;
         rays += m + fill;
         for (uint32_t i = 0; i < m; i++) {
-            prt_store_exit(out, first + i, &lane, i);
-            prt_store_direction(out, first + i, &lane, i);
+            out->path_mm[first + i] = lane.path_mm[i];
+            out->transmittance[first + i] = lane.transmittance[i];
+            for (int k = 0; k < 3; k++) out->dir[k][first + i] = lane.dir[k][i];
         }
     }
     return rays;

@@ -5,43 +5,35 @@
 // direction.
 #include "bake/loops.h"
 
+#include "base/isa.h"
+
 #include <math.h>
 #include <string.h>
 
 // The texels that take a ray's result: one, the four of its block, or the sixteen of a tile of
-// 2 x 2 blocks.
-enum share { ONE = 1, BLOCK = 4, TILE = 16 };
-struct target {
-    uint32_t node, block, texel;
-    enum share share;
-};
+// 2 x 2 blocks. The number of texels across.
+enum share { ONE = 1, BLOCK = 2, TILE = 4 };
 
-// Rays to exits that are being filled.
+// Rays from one vertex's nodes. A ray's number is that of its texel in directions->texel: four
+// times its block, plus one of the block's texels.
 struct batch {
     struct prt_packet packet;
-    uint32_t fill;
-    struct target target[16];
-};
-// Directions of one node whose exits are to be looked for in its drawing.
-struct wishes {
-    uint32_t fill;
-    struct target target[16];
-    uint32_t ray[16]; // number in directions->x
+    uint32_t fill; // lanes that are taken
+    uint32_t node[16], number[16], texel[16];
 };
 
-// What waits for one vertex: directions to look up, rays to exits, and shadow rays beyond them.
+// What waits for one vertex: rays to exits, and shadow rays beyond them.
 struct queue {
     const struct single_plan *plan;
     const struct fresnel_table *fresnel;
     struct scratch *s;
     float p[SINGLE_MAX_NODES][3];
+    unsigned pattern[SINGLE_MAX_NODES];   // jitter of node a's sub-samples
+    const float *slope[SINGLE_MAX_NODES]; // of these
+    bool drawn;                           // triangles, on a cube around each node
     bool keep_directions, use_horizon;
-    const float *slope[SINGLE_MAX_NODES]; // of the sub-samples that node a takes
-    struct wishes wishes[SINGLE_MAX_NODES];
-    struct batch traced;
-    struct prt_packet shadow;
-    uint32_t n_shadow;
-    struct target shadow_target[16];
+    enum share share; // of every ray that waits
+    struct batch traced, shadow;
     uint64_t rays;
 };
 
@@ -50,43 +42,47 @@ static float out_of_reach(const struct single_plan *plan)
     return fminf(2 * plan->inward_mm, 1e4f);
 }
 
-// Texels of a target.
-static uint32_t texels_of(const struct directions *d, const struct target *to,
-                          uint32_t at[TILE])
+// The first of the texels that take the result of texel's ray: n, and so a row, is a power
+// of 2.
+static uint32_t corner_of(uint32_t texel, uint32_t n, enum share wide)
 {
-    uint32_t half = d->n / 2, first = to->block;
-    if (to->share == ONE) {
-        at[0] = to->texel;
-        return 1;
-    }
-    if (to->share == TILE) first = (first / half & ~1u) * half + (first % half & ~1u);
-    for (uint32_t j = 0; j < (uint32_t)to->share; j++)
-        at[j] = d->texel[(size_t)(first + (j >> 2 & 1) + (j >> 3) * half) * 4 + (j & 3)];
-    return to->share;
+    return texel & ~(((uint32_t)wide - 1) * (n + 1));
+}
+
+PRT_INLINE void fill_square(float *to, uint32_t n, uint32_t wide, float value)
+{
+    for (uint32_t y = 0; y < wide; y++)
+        for (uint32_t x = 0; x < wide; x++) to[y * n + x] = value;
 }
 
 static void flush_shadows(struct queue *q)
 {
-    if (!q->n_shadow) return;
-    uint32_t blocked = prt_blocked_lanes(q->plan, &q->shadow, q->n_shadow);
-    q->rays += q->n_shadow;
-    for (uint32_t i = 0; i < q->n_shadow; i++) {
-        const struct target *to = &q->shadow_target[i];
-        uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
-        for (uint32_t j = 0; blocked >> i & 1 && j < n; j++)
-            for (uint32_t b = 0; b < q->plan->n_eta; b++)
-                q->s->of_eta[b][to->node].transmittance[at[j]] = 0;
-    }
-    q->n_shadow = 0;
+    struct batch *b = &q->shadow;
+    const uint32_t n = q->plan->directions->n, wide = q->share;
+    if (!b->fill) return;
+    uint32_t blocked = prt_blocked_lanes(q->plan, &b->packet, b->fill);
+    q->rays += b->fill;
+    for (uint32_t i = 0; i < b->fill; i++)
+        for (uint32_t k = 0; blocked >> i & 1 && k < q->plan->n_eta; k++)
+            fill_square(q->s->of_eta[k][b->node[i]].transmittance +
+                            corner_of(b->texel[i], n, wide),
+                        n, wide, 0);
+    b->fill = 0;
 }
 
-// Visibility beyond the exit of lane i: 1 visible, -1 blocked, 0 unknown.
-static int horizon_of(const struct queue *q, const struct batch *b, uint32_t i)
+// Writes the lanes of `done`, exits at one index, to their texels. wide: a constant.
+PRT_INLINE void store(const struct queue *q, const struct batch *b, const struct lanes *lane,
+                      uint32_t k, uint32_t done, enum share wide)
 {
-    const struct single_plan *plan = q->plan;
-    if (!q->use_horizon || !plan->horizon) return 0;
-    return prt_horizon_bin(plan->horizon, b->packet.triangle[i],
-                           plan->directions->bin[b->target[i].texel]);
+    const uint32_t n = q->plan->directions->n;
+    for (; done; done &= done - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(done), at = corner_of(b->texel[i], n, wide);
+        const struct exits *e = &q->s->of_eta[k][b->node[i]];
+        fill_square(e->path_mm + at, n, wide, lane->path_mm[i]);
+        fill_square(e->transmittance + at, n, wide, lane->transmittance[i]);
+        for (int c = 0; q->keep_directions && c < 3; c++)
+            fill_square(e->dir[c] + at, n, wide, lane->dir[c][i]);
+    }
 }
 
 // The index whose exits decide where finer rays are cast: the middle one.
@@ -95,45 +91,35 @@ static uint32_t deciding(const struct single_plan *plan)
     return plan->n_eta / 2;
 }
 
-// Stores the exit of lane i at every index, lane [n_eta], and queues its shadow ray where
-// visibility is unknown.
-static void take_exit(struct queue *q, const struct batch *from, const struct lanes *lane,
-                      uint32_t i, bool leaves)
+// Stores the lanes of `done` at every index, lane [n_eta], and queues shadow rays where the
+// horizon does not tell what is beyond the exit. leave: the lanes that have one.
+static void take_exits(struct queue *q, const struct batch *b, struct lanes *lane,
+                       uint32_t done, uint32_t leave)
 {
-    const struct target *to = &from->target[i];
-    uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
-    int certain = leaves ? horizon_of(q, from, i) : 1;
-    for (uint32_t b = 0; b < q->plan->n_eta; b++) {
-        struct exits *e = &q->s->of_eta[b][to->node];
-        for (uint32_t j = 0; j < n; j++) {
-            prt_store_exit(e, at[j], &lane[b], i);
-            if (certain < 0) e->transmittance[at[j]] = 0;
-            if (q->keep_directions) prt_store_direction(e, at[j], &lane[b], i);
-        }
+    const struct single_plan *plan = q->plan;
+    uint32_t visible = 0, blocked = 0;
+    if (q->use_horizon && plan->horizon)
+        prt_horizon_bins(plan->horizon, leave, b->packet.triangle, plan->directions->bin,
+                         b->texel, &visible, &blocked);
+    for (uint32_t k = 0; k < plan->n_eta; k++) {
+        for (uint32_t m = blocked; m; m &= m - 1) lane[k].transmittance[__builtin_ctz(m)] = 0;
+        if (q->share == TILE) store(q, b, &lane[k], k, done, TILE);
+        else if (q->share == BLOCK) store(q, b, &lane[k], k, done, BLOCK);
+        else store(q, b, &lane[k], k, done, ONE);
     }
-    const float path_mm = lane[deciding(q->plan)].path_mm[i];
-    if (n > 1)
-        q->s->uncertain[to->node][to->block] =
-            certain ? 0 : exp_minus(q->plan->weakest * path_mm);
-    if (certain) return;
-    prt_leave_body(&from->packet, i, prt_scene_epsilon(q->plan->scene), &q->shadow,
-                   q->n_shadow);
-    q->shadow_target[q->n_shadow] = *to;
-    if (++q->n_shadow == 16) flush_shadows(q);
-}
-
-// Stores the exits of a batch's rays.
-static void take_batch(struct queue *q, struct batch *b, struct lanes lane[PRT_ETA_MOST_NODES],
-                       uint32_t leave)
-{
-    for (uint32_t i = 0; i < q->plan->n_eta; i++)
-        prt_fill_missed(&lane[i], out_of_reach(q->plan));
-    for (uint32_t i = 0; q->use_horizon && q->plan->horizon && i < b->fill; i++)
-        if (leave >> i & 1)
-            prt_horizon_prefetch(q->plan->horizon, b->packet.triangle[i],
-                                 q->plan->directions->bin[b->target[i].texel]);
-    for (uint32_t i = 0; i < b->fill; i++) take_exit(q, b, lane, i, leave >> i & 1);
-    b->fill = 0;
+    const uint32_t unknown = leave & ~visible & ~blocked;
+    const float *path_mm = lane[deciding(plan)].path_mm;
+    for (uint32_t m = q->share == ONE ? 0 : done; m; m &= m - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(m);
+        q->s->uncertain[b->node[i]][b->number[i] / 4] =
+            unknown >> i & 1 ? exp_minus(plan->weakest * path_mm[i]) : 0;
+    }
+    for (uint32_t m = unknown; m; m &= m - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(m), to = q->shadow.fill++;
+        prt_leave_body(&b->packet, i, prt_scene_epsilon(plan->scene), &q->shadow.packet, to);
+        q->shadow.node[to] = b->node[i], q->shadow.texel[to] = b->texel[i];
+        if (q->shadow.fill == 16) flush_shadows(q);
+    }
 }
 
 static void flush_traced(struct queue *q)
@@ -149,90 +135,71 @@ static void flush_traced(struct queue *q)
         p->dx[i] = 1, p->dy[i] = p->dz[i] = 0;
     }
     q->rays += b->fill;
-    take_batch(q, b, lane, prt_trace_exits(q->plan, q->fresnel, p, mask, lane));
+    uint32_t leave = prt_trace_exits(q->plan, q->fresnel, p, mask, out_of_reach(q->plan), lane);
+    take_exits(q, b, lane, mask, leave);
+    b->fill = 0;
 }
 
-// Adds node a's ray `ray` of the directions to a batch.
-static void add_ray(const struct queue *q, uint32_t a, uint32_t ray,
-                    const struct target *target, struct batch *b)
+// Lane i of a batch waits to be traced.
+static void trace_lane(struct queue *q, const struct batch *from, uint32_t i)
 {
-    const struct directions *d = q->plan->directions;
-    struct prt_packet *p = &b->packet;
+    struct batch *b = &q->traced;
     const uint32_t l = b->fill++;
-    p->ox[l] = q->p[a][0], p->oy[l] = q->p[a][1], p->oz[l] = q->p[a][2];
-    p->dx[l] = d->x[ray], p->dy[l] = d->y[ray], p->dz[l] = d->z[ray];
-    b->target[l] = *target;
-}
-
-static void trace_ray(struct queue *q, uint32_t a, uint32_t ray, const struct target *target)
-{
-    add_ray(q, a, ray, target, &q->traced);
-    if (q->traced.fill == 16) flush_traced(q);
-}
-
-// Looks for exits where node a's drawing shows them; the other rays are traced.
-static void flush_wishes(struct queue *q, uint32_t a)
-{
-    struct wishes *w = &q->wishes[a];
-    const struct single_plan *plan = q->plan;
-    const struct draw_room *room = &q->s->draw;
-    struct lanes lane[PRT_ETA_MOST_NODES];
-    struct corners normals;
-    struct batch drawn = {.fill = 0};
-    float all_t[16], t[16];
-    uint32_t texel[16], all_at[16], at[16], hit = 0;
-    if (!w->fill) return;
-    for (uint32_t i = 0; i < 16; i++) texel[i] = w->target[i < w->fill ? i : 0].texel;
-    uint32_t known =
-        prt_draw_look(plan->cpu, &room->drawing[a], q->slope[a], plan->directions->n_coef,
-                      texel, plan->inward_mm, all_t, all_at);
-    for (uint32_t i = 0; i < w->fill; i++) {
-        if (!(known >> i & 1)) {
-            trace_ray(q, a, w->ray[i], &w->target[i]);
-            continue;
-        }
-        const uint32_t l = drawn.fill;
-        t[l] = all_t[i], at[l] = all_at[i];
-        hit |= (uint32_t)(at[l] != UINT32_MAX) << l;
-        add_ray(q, a, w->ray[i], &w->target[i], &drawn);
-    }
-    w->fill = 0;
-    if (!drawn.fill) return;
-    for (uint32_t i = drawn.fill; i < 16; i++) {
-        at[i] = UINT32_MAX, t[i] = 0;
-        drawn.packet.dx[i] = 1, drawn.packet.dy[i] = drawn.packet.dz[i] = 0;
-        drawn.packet.ox[i] = drawn.packet.oy[i] = drawn.packet.oz[i] = 0;
-    }
-    prt_draw_hits(plan->cpu, &room->near, &room->drawing[a], at, t, &drawn.packet, &normals);
-    take_batch(q, &drawn, lane,
-               prt_exits_of_hits(plan, q->fresnel, &drawn.packet, &normals, hit, lane));
+    b->packet.ox[l] = from->packet.ox[i], b->packet.dx[l] = from->packet.dx[i];
+    b->packet.oy[l] = from->packet.oy[i], b->packet.dy[l] = from->packet.dy[i];
+    b->packet.oz[l] = from->packet.oz[i], b->packet.dz[l] = from->packet.dz[i];
+    b->node[l] = from->node[i], b->number[l] = from->number[i], b->texel[l] = from->texel[i];
+    if (b->fill == 16) flush_traced(q);
 }
 
 static void finish_rays(struct queue *q)
 {
-    for (uint32_t a = 0; a < q->plan->n_node; a++) flush_wishes(q, a);
     flush_traced(q);
     flush_shadows(q);
 }
 
-// Node a's ray through texel i of a block, by the sub-sample of `pattern`.
-static void push(struct queue *q, uint32_t a, unsigned pattern, uint32_t block, uint32_t i,
-                 enum share share)
+// Takes exits from node a's drawing. Returns the lanes of `mask` that it shows for certain.
+static uint32_t look_up(struct queue *q, uint32_t a, struct batch *b, const float length[16],
+                        uint32_t mask)
+{
+    const struct single_plan *plan = q->plan;
+    const struct draw_room *room = &q->s->draw;
+    struct lanes lane[PRT_ETA_MOST_NODES];
+    struct corners normals;
+    float t[16];
+    uint32_t at[16];
+    if (!q->drawn) return 0;
+    uint32_t known = mask & prt_draw_look(plan->cpu, &room->drawing[a], b->texel, length,
+                                          plan->inward_mm, t, at);
+    if (!known) return 0;
+    prt_draw_hits(plan->cpu, &room->near, &room->drawing[a], at, t, &b->packet, &normals);
+    uint32_t leave = prt_exits_of_hits(plan, q->fresnel, &b->packet, &normals, known,
+                                       out_of_reach(plan), lane);
+    take_exits(q, b, lane, known, leave);
+    return known;
+}
+
+// Exits of the first n rays of s->list, from node a: from its drawing, or else traced.
+static void find_exits(struct queue *q, uint32_t a, uint32_t n)
 {
     const struct directions *d = q->plan->directions;
-    const uint32_t ray = (uint32_t)texel_ray(d, pattern, block, i);
-    const struct target target = {a, block, d->texel[(size_t)block * 4 + i], share};
-    struct wishes *w = &q->wishes[a];
-    if (!q->slope[a]) {
-        trace_ray(q, a, ray, &target);
-        return;
+    const struct bake_loops *loops = prt_bake_loops(q->plan->cpu);
+    uint32_t *list = q->s->list;
+    struct batch b = {.fill = 16};
+    float length[16];
+    for (uint32_t i = 0; i < 16; i++) {
+        b.packet.ox[i] = q->p[a][0], b.packet.oy[i] = q->p[a][1], b.packet.oz[i] = q->p[a][2];
+        b.node[i] = a;
+        list[n + i] = n ? list[n - 1] : 0; // the last batch is filled up
     }
-    // flush_wishes reads them: one direction of a line of 16
-    __builtin_prefetch(d->x + ray), __builtin_prefetch(d->y + ray);
-    __builtin_prefetch(d->z + ray);
-    w->ray[w->fill] = ray;
-    w->target[w->fill] = target;
-    if (++w->fill == 16) flush_wishes(q, a);
+    for (uint32_t first = 0; first < n; first += 16) {
+        const uint32_t mask = n - first < 16 ? (1u << (n - first)) - 1 : 0xffff;
+        memcpy(b.number, list + first, sizeof b.number);
+        loops->aim(d, q->slope[a], b.number, &b.packet, b.texel, length);
+        const uint32_t known = look_up(q, a, &b, length, mask);
+        for (uint32_t m = mask & ~known; m; m &= m - 1)
+            trace_lane(q, &b, (uint32_t)__builtin_ctz(m));
+    }
 }
 
 uint64_t prt_trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
@@ -242,45 +209,36 @@ uint64_t prt_trace_every(const struct single_plan *plan, const struct fresnel_ta
                       .fresnel = fresnel,
                       .s = s,
                       .p = {{p[0], p[1], p[2]}},
+                      .slope = {prt_direction_slopes(plan->directions, pattern)},
+                      .share = ONE,
                       .keep_directions = plan->n_phase > 1};
-    for (uint32_t block = 0; block < plan->directions->n_packet; block++)
-        for (uint32_t i = 0; i < 4; i++) push(&q, 0, pattern, block, i, ONE);
+    for (uint32_t i = 0; i < plan->directions->n_coef; i++) s->list[i] = i;
+    find_exits(&q, 0, plan->directions->n_coef);
     finish_rays(&q);
     return q.rays;
 }
 
-// The k-th cell in squares of 4 x 4, so that the rays of a packet have similar directions.
-static uint32_t tiled(uint32_t k, uint32_t wide)
+// The k-th cell in squares of 4 x 4, so that the rays of a packet have similar directions;
+// faces are 2^log_wide cells across.
+static uint32_t tiled(uint32_t k, unsigned log_wide)
 {
-    if (wide % 4) return k;
-    uint32_t face = k / (wide * wide), in = k % (wide * wide), tile = in / 16, i = in % 16;
-    uint32_t x = tile % (wide / 4) * 4 + (i & 3), y = tile / (wide / 4) * 4 + (i >> 2);
-    return (face * wide + y) * wide + x;
+    uint32_t face = k >> 2 * log_wide, tile = (k & ((1u << 2 * log_wide) - 1)) / 16, i = k % 16;
+    uint32_t x = (tile & ((1u << (log_wide - 2)) - 1)) * 4 + (i & 3);
+    uint32_t y = (tile >> (log_wide - 2)) * 4 + (i >> 2);
+    return (((face << log_wide) + y) << log_wide) + x;
 }
 
-// Transmittance times attenuation of block b's ray, for comparison with its neighbours. A fixed
-// medium weighs the nodes by their depth in weigh_nodes; a free one is attenuated along the
-// depth here.
-static float attenuated(const struct single_plan *plan, const struct exits *e, uint32_t b,
-                        float depth)
+// A tile of node `from`, whose first texel is `at`, becomes that of node `to` as well.
+static void copy_tile(const struct queue *q, uint32_t at, uint32_t from, uint32_t to)
 {
-    uint32_t t = plan->directions->texel[(size_t)b * 4];
-    float u = e->path_mm[t] + (plan->extinction ? depth : 0);
-    return e->transmittance[t] * exp_minus(plan->weakest * u);
-}
-
-// Tile t of node `from` becomes that of node `to` as well.
-static void copy_tile(const struct queue *q, uint32_t t, uint32_t wide, uint32_t from,
-                      uint32_t to)
-{
-    const struct directions *d = q->plan->directions;
-    for (uint32_t i = 0; i < 16 * q->plan->n_eta; i++) {
-        const uint32_t j = i % 16;
-        const uint32_t at = d->texel[(size_t)block_of(t, j >> 2, wide) * 4 + (j & 3)];
-        const struct exits *e = q->s->of_eta[i / 16];
-        e[to].path_mm[at] = e[from].path_mm[at];
-        e[to].transmittance[at] = e[from].transmittance[at];
-        for (int k = 0; q->keep_directions && k < 3; k++) e[to].dir[k][at] = e[from].dir[k][at];
+    const uint32_t n = q->plan->directions->n;
+    for (uint32_t i = 0; i < 4 * q->plan->n_eta; i++) {
+        const size_t row = at + i % 4 * n, bytes = 4 * sizeof(float);
+        const struct exits *e = q->s->of_eta[i / 4];
+        memcpy(e[to].path_mm + row, e[from].path_mm + row, bytes);
+        memcpy(e[to].transmittance + row, e[from].transmittance + row, bytes);
+        for (int k = 0; q->keep_directions && k < 3; k++)
+            memcpy(e[to].dir[k] + row, e[from].dir[k] + row, bytes);
     }
 }
 
@@ -300,25 +258,25 @@ static void weigh_nodes(const struct single_plan *plan, const float *depth, floa
     for (uint32_t a = 0; a < N; a++) rise[a] = fminf(most / fmaxf(weight[a], 1e-6f), 1e3f);
 }
 
-// Tiles of 2 x 2 blocks of 2 x 2 texels, `half` blocks and `wide` tiles across a face. Each
-// node uses another sub-sample, so that a texel half in shadow is half lit along the path.
+// Tiles of 2 x 2 blocks of 2 x 2 texels, 2^log_wide tiles across a face. Each node uses another
+// sub-sample, so that a texel half in shadow is half lit along the path.
 struct layout {
-    uint32_t half, wide, n_tile, n_node;
+    unsigned log_wide;
+    uint32_t n_tile, n_node;
     const float *depth; // [n_node]
-    unsigned pattern[SINGLE_MAX_NODES];
     float rise[SINGLE_MAX_NODES];
 };
 
 // The block whose ray stands for tile t at node a.
-static uint32_t chosen(const struct layout *l, uint32_t t, uint32_t a)
+static uint32_t chosen(const struct queue *q, const struct layout *l, uint32_t t, uint32_t a)
 {
-    return block_of(t, (t + 3 * l->pattern[a] + (l->pattern[a] >> 2)) & 3, l->wide);
+    return block_of(t, (t + 3 * q->pattern[a] + (q->pattern[a] >> 2)) & 3, l->log_wide);
 }
 
-static void push_block(struct queue *q, const struct layout *l, uint32_t a, uint32_t b,
-                       enum share share)
+// The ray that stands for block b at node a.
+static uint32_t ray_of_block(const struct queue *q, uint32_t a, uint32_t b)
 {
-    push(q, a, l->pattern[a], b, (b + l->pattern[a]) & 3, share);
+    return b * 4 + ((b + q->pattern[a]) & 3);
 }
 
 // A ray for each tile at each node. Towards tiles beyond max_optical_depth the middle node's
@@ -327,26 +285,39 @@ static void trace_tiles(struct queue *q, const struct layout *l)
 {
     const struct single_plan *plan = q->plan;
     const struct directions *d = plan->directions;
-    uint32_t mid = l->n_node / 2;
-    for (uint32_t k = 0; k < l->n_tile; k++) {
-        uint32_t t = tiled(k, l->wide);
-        push_block(q, l, mid, chosen(l, t, mid), TILE);
-    }
+    uint32_t mid = l->n_node / 2, *list = q->s->list;
+    q->share = TILE;
+    for (uint32_t k = 0; k < l->n_tile; k++)
+        list[k] = ray_of_block(q, mid, chosen(q, l, tiled(k, l->log_wide), mid));
+    find_exits(q, mid, l->n_tile);
     finish_rays(q);
-    for (uint32_t k = 0; k < l->n_tile; k++) {
-        uint32_t t = tiled(k, l->wide), first = d->texel[(size_t)block_of(t, 0, l->wide) * 4];
-        float u = q->s->node[mid].path_mm[first] + l->depth[mid];
-        for (uint32_t a = 0; a < l->n_node; a++) {
-            if (a == mid) continue;
-            if (plan->weakest * u < plan->max_optical_depth) {
-                push_block(q, l, a, chosen(l, t, a), TILE);
+    const float *path_mm = q->s->node[mid].path_mm;
+    for (uint32_t a = 0; a < l->n_node; a++) {
+        uint32_t n = 0;
+        for (uint32_t k = 0; a != mid && k < l->n_tile; k++) {
+            uint32_t t = tiled(k, l->log_wide), own = chosen(q, l, t, a);
+            uint32_t first = d->texel[(size_t)block_of(t, 0, l->log_wide) * 4];
+            if (plan->weakest * (path_mm[first] + l->depth[mid]) < plan->max_optical_depth) {
+                list[n++] = ray_of_block(q, a, own);
                 continue;
             }
-            copy_tile(q, t, l->wide, mid, a);
-            q->s->uncertain[a][chosen(l, t, a)] = 0;
+            copy_tile(q, first, mid, a);
+            q->s->uncertain[a][own] = 0;
         }
+        find_exits(q, a, n);
     }
     finish_rays(q);
+}
+
+// Light through the first texel of squares `stride` texels across, for comparison with its
+// neighbours. A fixed medium weighs the nodes by their depth in weigh_nodes; a free one is
+// attenuated along the depth here.
+static void attenuate(const struct queue *q, uint32_t a, float depth, uint32_t stride,
+                      float *out)
+{
+    const struct single_plan *plan = q->plan;
+    prt_bake_loops(plan->cpu)->attenuate(&q->s->node[a], plan->directions->n, stride,
+                                         plan->weakest, plan->extinction ? depth : 0, out);
 }
 
 // A ray for each block of the tiles that differ from their neighbours or whose visibility is
@@ -354,35 +325,30 @@ static void trace_tiles(struct queue *q, const struct layout *l)
 static void trace_blocks(struct queue *q, const struct layout *l)
 {
     const struct single_plan *plan = q->plan;
+    const struct bake_loops *loops = prt_bake_loops(plan->cpu);
     struct scratch *s = q->s;
+    q->share = BLOCK;
     for (uint32_t a = 0; a < l->n_node; a++) {
-        for (uint32_t t = 0; t < l->n_tile; t++)
-            s->coarse[a][t] =
-                attenuated(plan, &s->node[a], block_of(t, 0, l->wide), l->depth[a]);
-        prt_bake_loops(plan->cpu)->steps(s->coarse[a], l->wide, s->step[a]);
-    }
-    for (uint32_t k = 0; k < l->n_tile; k++) {
-        uint32_t t = tiled(k, l->wide);
-        for (uint32_t a = 0; a < l->n_node; a++) {
-            uint32_t own = chosen(l, t, a);
-            bool fine = s->step[a][t] > plan->differ * l->rise[a] ||
-                        s->uncertain[a][own] > plan->uncertain * l->rise[a];
+        const float differ = plan->differ * l->rise[a];
+        const float uncertain = plan->uncertain * l->rise[a];
+        uint32_t n = 0;
+        attenuate(q, a, l->depth[a], TILE, s->value[a]);
+        loops->steps(s->value[a], 1u << l->log_wide, s->step[a]);
+        for (uint32_t k = 0; k < l->n_tile; k++) {
+            uint32_t t = tiled(k, l->log_wide), own = chosen(q, l, t, a);
+            bool fine = s->step[a][t] > differ || s->uncertain[a][own] > uncertain;
             s->fine[a][t] = fine;
-            for (uint32_t j = 0; j < 4; j++) {
-                uint32_t b = block_of(t, j, l->wide);
-                s->value[a][b] = s->coarse[a][t];
-                if (fine && b != own) push_block(q, l, a, b, BLOCK);
+            for (uint32_t j = 0; fine && j < 4; j++) {
+                uint32_t b = block_of(t, j, l->log_wide);
+                if (b != own) s->list[n++] = ray_of_block(q, a, b);
             }
         }
+        find_exits(q, a, n);
     }
     finish_rays(q);
     for (uint32_t a = 0; a < l->n_node; a++) {
-        for (uint32_t t = 0; t < l->n_tile; t++)
-            for (uint32_t j = 0; s->fine[a][t] > 0 && j < 4; j++) {
-                uint32_t b = block_of(t, j, l->wide);
-                s->value[a][b] = attenuated(plan, &s->node[a], b, l->depth[a]);
-            }
-        prt_bake_loops(plan->cpu)->steps(s->value[a], l->half, s->step[a]);
+        attenuate(q, a, l->depth[a], BLOCK, s->value[a]);
+        loops->steps(s->value[a], 2u << l->log_wide, s->step[a]);
     }
 }
 
@@ -390,17 +356,22 @@ static void trace_blocks(struct queue *q, const struct layout *l)
 static void trace_texels(struct queue *q, const struct layout *l)
 {
     struct scratch *s = q->s;
-    uint32_t n_block = l->n_tile * 4;
-    memset(s->split, 0, n_block);
-    for (uint32_t k = 0; k < n_block; k++) {
-        uint32_t b = tiled(k, l->half), t = b / l->half / 2 * l->wide + b % l->half / 2;
-        for (uint32_t a = 0; a < l->n_node; a++) {
-            float most = q->plan->differ_texel * l->rise[a];
-            if (!(s->fine[a][t] > 0) || !(s->step[a][b] > most)) continue;
-            s->split[b] = 1;
-            for (uint32_t i = 0; i < 4; i++)
-                if (i != ((b + l->pattern[a]) & 3)) push(q, a, l->pattern[a], b, i, ONE);
+    memset(s->split, 0, (size_t)l->n_tile * 4);
+    q->share = ONE;
+    for (uint32_t a = 0; a < l->n_node; a++) {
+        const float most = q->plan->differ_texel * l->rise[a];
+        uint32_t n = 0;
+        for (uint32_t k = 0; k < l->n_tile; k++) {
+            const uint32_t t = tiled(k, l->log_wide);
+            for (uint32_t j = 0; s->fine[a][t] > 0 && j < 4; j++) {
+                const uint32_t b = block_of(t, j, l->log_wide), own = ray_of_block(q, a, b);
+                if (!(s->step[a][b] > most)) continue;
+                s->split[b] = 1;
+                for (uint32_t i = b * 4; i < b * 4 + 4; i++)
+                    if (i != own) s->list[n++] = i;
+            }
         }
+        find_exits(q, a, n);
     }
     finish_rays(q);
 }
@@ -414,20 +385,17 @@ static void draw_near(struct queue *q, const struct layout *l)
     const float *middle = q->p[l->n_node / 2];
     float deep = 0.5f * (l->depth[l->n_node - 1] - l->depth[0]);
     prt_draw_gather(plan->grid, plan->mesh, middle, plan->inward_mm + 2 * deep, &room->near);
-    for (uint32_t a = 0; a < l->n_node; a++) {
-        prt_draw(plan->directions, l->pattern[a], q->p[a], a, room);
-        q->slope[a] = prt_direction_slopes(plan->directions, l->pattern[a]);
-    }
+    for (uint32_t a = 0; a < l->n_node; a++)
+        prt_draw(plan->directions, q->pattern[a], q->p[a], a, room);
+    q->drawn = true;
 }
 
-// Rays of all depths towards one tile are traced together: they hit the same triangles.
 uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_table *fresnel,
                          const struct vertex_path *path, struct scratch *s)
 {
-    uint32_t half = plan->directions->n / 2;
-    struct layout l = {.half = half,
-                       .wide = half / 2,
-                       .n_tile = 6 * (half / 2) * (half / 2),
+    const uint32_t wide = plan->directions->n / 4;
+    struct layout l = {.log_wide = (unsigned)__builtin_ctz(wide),
+                       .n_tile = 6 * wide * wide,
                        .n_node = plan->n_node,
                        .depth = path->depth};
     struct queue q = {.plan = plan,
@@ -438,7 +406,8 @@ uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_ta
     s->node = s->of_eta[deciding(plan)];
     weigh_nodes(plan, l.depth, l.rise);
     for (uint32_t a = 0; a < l.n_node; a++) {
-        l.pattern[a] = path->pattern + 65 * a; // 65: another jitter and another sub-sample
+        q.pattern[a] = path->pattern + 65 * a; // 65: another jitter and another sub-sample
+        q.slope[a] = prt_direction_slopes(plan->directions, q.pattern[a]);
         for (int k = 0; k < 3; k++) q.p[a][k] = path->x[k] - l.depth[a] * path->out[k];
     }
     draw_near(&q, &l);

@@ -22,7 +22,7 @@ enum { MAX_PACKETS = 6 * PRT_BAKE_CUBE_MAX * PRT_BAKE_CUBE_MAX / 4 };
  * the whole sphere. The weights of a texel's sub-samples sum to 1. */
 struct directions {
     unsigned cpu;       /* mask of enum prt_cpu for the loops over packets */
-    uint32_t n, n_coef; /* cube size; 6 n n texels */
+    uint32_t n, n_coef; /* cube size, a power of 2 from 16; 6 n n texels */
     uint32_t n_pattern; /* jitters of the sphere */
     uint32_t n_packet;  /* packets of one pattern */
     float *x, *y, *z;   /* [n_pattern][n_packet][16] unit vectors */
@@ -373,8 +373,11 @@ void prt_horizon_destroy(struct horizon *horizon);
  * Those of a divided triangle are unknown: by its parts single scattering was less
  * exact. */
 int prt_horizon_bin(struct horizon *horizon, uint32_t triangle, uint32_t bin);
-/* Asks for the memory that prt_horizon_bin will read. */
-void prt_horizon_prefetch(const struct horizon *horizon, uint32_t triangle, uint32_t bin);
+/* The same for the rays of mask, lane i into bins[texel[i]]: the sets of lanes whose rays are
+ * visible and blocked. */
+void prt_horizon_bins(struct horizon *horizon, uint32_t mask, const uint32_t triangle[16],
+                      const uint16_t *bins, const uint32_t texel[16], uint32_t *visible,
+                      uint32_t *blocked);
 /* Every bin near (u, v) of a triangle: bit b % 64 of word b / 64. A bin in neither set is
  * unknown. */
 struct horizon_view {
