@@ -18,8 +18,8 @@ struct vertex_cells {
 };
 
 struct cell_rows {
-    unsigned cpu; // mask of enum prt_cpu
-    uint32_t n_vertex, n_function, n_coef;
+    unsigned cpu;                             // mask of enum prt_cpu
+    uint32_t n_vertex, n_function, n, n_coef; // n: texels across a face
     struct vertex_cells *vertex;
 };
 
@@ -53,26 +53,75 @@ static int copy_cells(const struct cell_rows *r, const struct single_cells *from
     return PRT_OK;
 }
 
+// A matrix [n_coef][m], and its rows summed over blocks of 2 x 2 texels and tiles of 4 x 4.
+struct sums {
+    uint32_t n, m;       // texels across a face, columns
+    const float *texel;  // [6 n n][m]
+    float *block, *tile; // [6 n n / 4][m], [6 n n / 16][m]
+};
+
+// Rows of squares from rows of 2 x 2 squares of half the width; `wide` of the latter across.
+static void sum_squares(const float *from, uint32_t wide, uint32_t m, float *out)
+{
+    for (uint32_t i = 0; i < FACES * wide * wide / 4; i++) {
+        const uint32_t x = i % (wide / 2), y = i / (wide / 2);
+        const float *a = from + (size_t)(2 * y * wide + 2 * x) * m, *b = a + m;
+        const float *c = a + (size_t)wide * m, *d = c + m;
+        for (uint32_t k = 0; k < m; k++) out[(size_t)i * m + k] = (a[k] + b[k]) + (c[k] + d[k]);
+    }
+}
+
+// The sums of the rows of each of a vertex's cells, in the order of the cells, which are tiles,
+// blocks or texels (single.c): out [n_cell][m].
+static void gather_sums(const struct sums *s, const uint32_t *cell, float *out)
+{
+    const uint32_t n = s->n, m = s->m, wide = n / 4;
+    const size_t bytes = (size_t)m * sizeof *out;
+    for (uint32_t t = 0; t < FACES * wide * wide; t++) {
+        const uint32_t first = t / wide * 4 * n + t % wide * 4;
+        if (cell[first] == cell[first + 3 * n + 3]) {
+            memcpy(out + (size_t)cell[first] * m, s->tile + (size_t)t * m, bytes);
+            continue;
+        }
+        for (uint32_t j = 0; j < 4; j++) {
+            const uint32_t at = first + (j >> 1) * 2 * n + (j & 1) * 2;
+            const uint32_t b = (t / wide * 2 + (j >> 1)) * 2 * wide + t % wide * 2 + (j & 1);
+            if (cell[at] == cell[at + n + 1]) {
+                memcpy(out + (size_t)cell[at] * m, s->block + (size_t)b * m, bytes);
+                continue;
+            }
+            for (uint32_t i = 0; i < 4; i++) {
+                const uint32_t texel = at + (i >> 1) * n + (i & 1);
+                memcpy(out + (size_t)cell[texel] * m, s->texel + (size_t)texel * m, bytes);
+            }
+        }
+    }
+}
+
 // Vertex by vertex: the light is summed over each cell before the product.
 static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     const struct cell_rows *r = user;
     float *lit = prt_alloc((size_t)r->n_coef * m, sizeof *lit);
     float *value = prt_alloc((size_t)r->n_function * r->n_coef, sizeof *value);
-    int status = lit && value ? PRT_OK : PRT_NOMEM;
+    struct sums sums = {.n = r->n, .m = m, .texel = x};
+    sums.block = prt_alloc((size_t)r->n_coef / 4 * m, sizeof *sums.block);
+    sums.tile = prt_alloc((size_t)r->n_coef / 16 * m, sizeof *sums.tile);
+    int status = lit && value && sums.block && sums.tile ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK) {
+        sum_squares(x, r->n, m, sums.block);
+        sum_squares(sums.block, r->n / 2, m, sums.tile);
+    }
     for (uint32_t v = 0; status == PRT_OK && v < r->n_vertex; v++) {
         const struct vertex_cells *c = &r->vertex[v];
-        memset(lit, 0, (size_t)c->n_cell * m * sizeof *lit);
-        for (uint32_t t = 0; t < r->n_coef; t++) {
-            float *to = lit + (size_t)c->cell[t] * m;
-            const float *from = x + (size_t)t * m;
-            for (uint32_t k = 0; k < m; k++) to[k] += from[k];
-        }
+        gather_sums(&sums, c->cell, lit);
         prt_f16_to_f32_array(c->value, (size_t)r->n_function * c->n_cell, value);
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)r->n_function, (int)m,
                     (int)c->n_cell, 1, value, (int)c->n_cell, lit, (int)m, 0,
                     out + (size_t)v * m, (int)(r->n_vertex * m));
     }
+    prt_free(sums.block);
+    prt_free(sums.tile);
     prt_free(lit);
     prt_free(value);
     return status;
@@ -110,9 +159,10 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
 {
     struct bake *b = job->bake;
     const struct prt_cluster *cluster = &b->clusters->cluster[c];
-    struct cell_rows rows = {b->ctx->cpu, cluster->n_vertex, job->n_function,
-                             b->directions->n_coef,
-                             calloc(cluster->n_vertex, sizeof *rows.vertex)};
+    struct cell_rows rows = {
+        b->ctx->cpu,           cluster->n_vertex,
+        job->n_function,       b->directions->n,
+        b->directions->n_coef, calloc(cluster->n_vertex, sizeof *rows.vertex)};
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {
         struct single_cells cells;
