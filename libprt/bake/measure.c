@@ -411,7 +411,11 @@ static int add_dipole_error(const struct examination *e, float (*const dipole[])
     return PRT_OK;
 }
 
-// References of multiple scattering under the built-in lights; n_walk 0: by the dipole.
+// References of multiple scattering under the built-in lights; n_walk 0: by the dipole. A walk
+// ends at one of some 80,000 samples, so that the noise of their few rays is less than that of
+// the walks, and it differs in the two references: 64 in place of 256 moved the errors of the
+// dipole from 7.1, 9.3 and 12.4 % to 7.2, 9.3 and 12.4 % (bunny, marble).
+enum { WALKED_RAYS = 64 };
 static int reference_multiple(const struct examination *e, uint32_t n_walk, uint64_t seed,
                               float (*const out[])[3])
 {
@@ -421,7 +425,7 @@ static int reference_multiple(const struct examination *e, uint32_t n_walk, uint
                                                   .vertex = e->vertex,
                                                   .n_vertex = e->n,
                                                   .n_sample = reference_samples(e),
-                                                  .n_ray = n_walk ? 256 : 512,
+                                                  .n_ray = n_walk ? WALKED_RAYS : 512,
                                                   .n_walk = n_walk,
                                                   .seed = seed};
     struct prt_context quiet = *e->ctx;
