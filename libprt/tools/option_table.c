@@ -130,7 +130,7 @@ const struct option_row option_table[] = {
      "spherical-harmonic terms of the phase function: 1, 4 or 9 (default of the reference engine: exact)"},
     {"samples", 0, "N", OPTION_WHOLE, AT(samples), PRT_BAKE_SAMPLES_MIN, PRT_BAKE_SAMPLES_MAX,
      NULL, BAKE,
-     "irradiance samples on the surface (default: 150000, or one a mean free path; 90000 of a "
+     "irradiance samples on the surface (default: 150000, or one a mean free path; 75000 of a "
      "fixed medium whose path is long)"},
     {"samples", 0, "N", OPTION_WHOLE, AT(samples), 1, 100000000, NULL, LIGHTS,
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},

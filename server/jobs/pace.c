@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double default_samples[2] = {90000, 150000}; // fixed medium, long path; joint
+static const double default_samples[2] = {75000, 150000}; // fixed medium, long path; joint
 static const double typical_vertices = 20000;
 static const double learning =
     0.5; // weight of the newest bake after the first; chosen, not measured

@@ -53,7 +53,7 @@ struct prt_bake_options {
     bool any_eta;             /* joint: media of every eta from 1.2 to 1.6 are served, at two
                                * times the memory of pass 1; the dipole without exit_planes */
     uint32_t n_sample;        /* irradiance samples; 0: one a squared mean free path,
-                               * [150000, 600000]; 90000 of a fixed medium of long paths */
+                               * [150000, 600000]; 75000 of a fixed medium of long paths */
     uint32_t cube;            /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */
     uint32_t n_coef;          /* sparse: coefficients a vertex, at most 6 cube^2; 0: 128 */
     uint32_t rank;            /* factored: rank of every cluster; 0: from max_error */
