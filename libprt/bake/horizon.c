@@ -135,42 +135,70 @@ struct sight {
     uint64_t visible[HORIZON_WORDS], blocked[HORIZON_WORDS];
 };
 
-// Casts a ray through the centre of each bin of `wanted` (NULL: all) above the tangent plane.
+// A row of bins, from bit 0; wide is 16 or 32.
+static inline uint32_t row_of(const uint64_t *set, unsigned wide, unsigned row)
+{
+    return (uint32_t)(set[row * wide / 64] >> row * wide % 64) & (UINT32_MAX >> (32 - wide));
+}
+
+// Rays of one place that are cast together.
+struct centre_rays {
+    struct prt_packet packet;
+    uint16_t bin[16];
+    uint32_t fill;
+};
+
+static void cast(const struct horizon *h, struct centre_rays *r, struct sight *out)
+{
+    const uint32_t mask = r->fill == 16 ? 0xffff : (1u << r->fill) - 1;
+    const uint32_t lanes = r->fill ? prt_scene_model_occluded16(h->scene, &r->packet, mask) : 0;
+    for (uint32_t i = 0; i < r->fill; i++)
+        add(lanes >> i & 1 ? out->hit : out->open, r->bin[i], 1);
+    r->fill = 0;
+}
+
+// Casts a ray through the centre of each bin of `wanted` above the tangent plane.
 static void cast_centres(const struct horizon *h, const struct bins *bins, uint32_t place,
                          const uint64_t *wanted, struct sight *out)
 {
     const float *p, *n;
     prt_horizon_place(&h->places, place, &p, &n);
     const unsigned wide = bins->wide;
-    float eps = prt_scene_model_epsilon(h->scene);
-    uint16_t bin[16];
-    struct prt_packet packet;
-    uint32_t fill = 0;
+    const float eps = prt_scene_model_epsilon(h->scene);
+    struct centre_rays r = {.fill = 0};
     for (int i = 0; i < 16; i++) {
-        packet.ox[i] = p[0] + eps * n[0], packet.oy[i] = p[1] + eps * n[1];
-        packet.oz[i] = p[2] + eps * n[2];
-        packet.tnear[i] = 0, packet.tfar[i] = INFINITY;
-        packet.dx[i] = 1, packet.dy[i] = packet.dz[i] = 0;
+        r.packet.ox[i] = p[0] + eps * n[0], r.packet.oy[i] = p[1] + eps * n[1];
+        r.packet.oz[i] = p[2] + eps * n[2];
+        r.packet.tnear[i] = 0, r.packet.tfar[i] = INFINITY;
+        r.packet.dx[i] = 1, r.packet.dy[i] = r.packet.dz[i] = 0;
     }
-    for (unsigned b = 0; b <= bins->n; b++) {
-        if (b < bins->n) {
-            // Squares of 4 x 4 bins, so that the rays of a packet have similar directions.
-            unsigned i = b % 16, tile = b / 16 % (wide * wide / 16);
-            unsigned x = tile % (wide / 4) * 4 + (i & 3), y = tile / (wide / 4) * 4 + (i >> 2);
-            unsigned at = (b / (wide * wide) * wide + y) * wide + x;
-            const float *d = bins->direction[at];
-            if (wanted && !has(wanted, at)) continue;
-            if (n[0] * d[0] + n[1] * d[1] + n[2] * d[2] <= 0) continue;
-            packet.dx[fill] = d[0], packet.dy[fill] = d[1], packet.dz[fill] = d[2];
-            bin[fill++] = (uint16_t)at;
-        }
-        if (!fill || (fill < 16 && b < bins->n)) continue;
-        uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
-        uint32_t lanes = prt_scene_model_occluded16(h->scene, &packet, mask);
-        for (uint32_t i = 0; i < fill; i++)
-            add(lanes >> i & 1 ? out->hit : out->open, bin[i], 1);
-        fill = 0;
+    // Squares of 4 x 4 bins, so that the rays of a packet have similar directions.
+    for (unsigned tile = 0; tile < bins->n / 16; tile++) {
+        const unsigned row = tile / (wide / 4) * 4, x = tile % (wide / 4) * 4;
+        for (unsigned y = row; y < row + 4; y++)
+            for (uint32_t four = row_of(wanted, wide, y) >> x & 15; four; four &= four - 1) {
+                const unsigned at = y * wide + x + (unsigned)__builtin_ctz(four);
+                const float *d = bins->direction[at];
+                if (n[0] * d[0] + n[1] * d[1] + n[2] * d[2] <= 0) continue;
+                r.packet.dx[r.fill] = d[0], r.packet.dy[r.fill] = d[1];
+                r.packet.dz[r.fill] = d[2];
+                r.bin[r.fill++] = (uint16_t)at;
+                if (r.fill == 16) cast(h, &r, out);
+            }
     }
+    cast(h, &r, out);
+}
+
+// A bin at the edge of a face, whose neighbours are on other faces, too.
+static void agree_at_edge(const struct bins *bins, unsigned b, struct sight *s)
+{
+    bool all_open = has(s->open, b), none_open = has(s->hit, b);
+    for (int k = 0; k < 8; k++) {
+        all_open &= has(s->open, bins->around[b][k]);
+        none_open &= !has(s->open, bins->around[b][k]);
+    }
+    add(s->visible, b, all_open);
+    add(s->blocked, b, none_open);
 }
 
 // A bin below the tangent plane carries no light and agrees with blocked neighbours. A gap
@@ -178,30 +206,46 @@ static void cast_centres(const struct horizon *h, const struct bins *bins, uint3
 // missed; its light arrives at a cosine below 0.07 where bins are coarse.
 static void agree(const struct bins *bins, const uint64_t *wanted, struct sight *s)
 {
-    for (unsigned b = 0; b < bins->n; b++) {
-        if (wanted && !has(wanted, b)) continue;
-        bool all_open = has(s->open, b), none_open = has(s->hit, b);
-        for (int k = 0; k < 8; k++) {
-            all_open &= has(s->open, bins->around[b][k]);
-            none_open &= !has(s->open, bins->around[b][k]);
+    const unsigned wide = bins->wide, last = wide - 1;
+    for (unsigned row = 0; row < 6 * wide; row++) {
+        const uint32_t edge = 1u | 1u << last, own = row_of(wanted, wide, row);
+        const bool inside = row % wide && row % wide != last;
+        for (uint32_t m = inside ? own & edge : own; m; m &= m - 1)
+            agree_at_edge(bins, row * wide + (unsigned)__builtin_ctz(m), s);
+        if (!inside || !(own & ~edge)) continue;
+        uint32_t all = UINT32_MAX, any = 0; // of three rows: all open, any open
+        for (unsigned y = row - 1; y <= row + 1; y++) {
+            const uint32_t open = row_of(s->open, wide, y);
+            all &= open & open << 1 & open >> 1;
+            any |= open | open << 1 | open >> 1;
         }
-        add(s->visible, b, all_open);
-        add(s->blocked, b, none_open);
+        const unsigned at = row * wide;
+        s->visible[at / 64] |= (uint64_t)(all & own & ~edge) << at % 64;
+        s->blocked[at / 64] |= (uint64_t)(row_of(s->hit, wide, row) & ~any & own & ~edge)
+                               << at % 64;
     }
+}
+
+// Row `row` of coarse bins as two rows of fine ones.
+static inline uint64_t twice(const uint64_t *set, unsigned row)
+{
+    uint64_t x = row_of(set, COARSE_WIDE, row);
+    x = (x | x << 8) & 0x00ff00ff, x = (x | x << 4) & 0x0f0f0f0f;
+    x = (x | x << 2) & 0x33333333, x = (x | x << 1) & 0x55555555;
+    x |= x << 1;
+    return x | x << 32;
 }
 
 // The fine bins of coarse ones that are not certain are cast, the others taken as they are.
 static void refine(const struct horizon *h, uint32_t place, const struct sight *coarse,
                    struct sight *out)
 {
-    uint64_t wanted[HORIZON_WORDS] = {0};
-    memset(out, 0, sizeof *out);
-    for (unsigned b = 0; b < h->fine.n; b++) {
-        bool visible = has(coarse->visible, h->parent[b]);
-        bool blocked = has(coarse->blocked, h->parent[b]);
-        add(out->visible, b, visible), add(out->open, b, visible);
-        add(out->blocked, b, blocked), add(out->hit, b, blocked);
-        add(wanted, b, !visible && !blocked);
+    uint64_t wanted[HORIZON_WORDS];
+    _Static_assert(HORIZON_WIDE == 32, "two rows of fine bins are a word");
+    for (unsigned row = 0; row < HORIZON_WORDS; row++) {
+        out->visible[row] = out->open[row] = twice(coarse->visible, row);
+        out->blocked[row] = out->hit[row] = twice(coarse->blocked, row);
+        wanted[row] = ~(out->visible[row] | out->blocked[row]);
     }
     cast_centres(h, &h->fine, place, wanted, out);
     agree(&h->fine, wanted, out);
@@ -212,8 +256,10 @@ static void trace_place(struct horizon *h, uint32_t place)
 {
     struct sight coarse = {0}, fine;
     const struct sight *found = &coarse;
-    cast_centres(h, &h->coarse, place, NULL, &coarse);
-    agree(&h->coarse, NULL, &coarse);
+    uint64_t every[COARSE_WORDS];
+    memset(every, 0xff, sizeof every);
+    cast_centres(h, &h->coarse, place, every, &coarse);
+    agree(&h->coarse, every, &coarse);
     if (h->words == FINE_PAIRS) {
         refine(h, place, &coarse, &fine);
         found = &fine;
@@ -297,12 +343,11 @@ unsigned prt_horizon_around(const struct horizon *h, uint32_t triangle, float u,
 }
 
 // Coarse bins as fine ones.
-static void spread(const struct horizon *h, uint64_t set[HORIZON_WORDS])
+static void spread(uint64_t set[HORIZON_WORDS])
 {
     uint64_t coarse[COARSE_WORDS];
     memcpy(coarse, set, sizeof coarse);
-    memset(set, 0, HORIZON_WORDS * sizeof *set);
-    for (unsigned b = 0; b < h->fine.n; b++) add(set, b, has(coarse, h->parent[b]));
+    for (unsigned row = 0; row < HORIZON_WORDS; row++) set[row] = twice(coarse, row);
 }
 
 void prt_horizon_view(struct horizon *h, uint32_t triangle, float u, float v,
@@ -323,6 +368,6 @@ void prt_horizon_view(struct horizon *h, uint32_t triangle, float u, float v,
         }
     }
     if (h->words == FINE_PAIRS) return;
-    spread(h, view->visible);
-    spread(h, view->blocked);
+    spread(view->visible);
+    spread(view->blocked);
 }
