@@ -213,14 +213,15 @@ static void agree(const struct bins *bins, const uint64_t *wanted, struct sight 
         for (uint32_t m = inside ? own & edge : own; m; m &= m - 1)
             agree_at_edge(bins, row * wide + (unsigned)__builtin_ctz(m), s);
         if (!inside || !(own & ~edge)) continue;
-        uint32_t all = UINT32_MAX, any = 0; // of three rows: all open, any open
+        // Of three rows: all open, which no bin at an edge is, and any open.
+        uint32_t all = UINT32_MAX, any = 0;
         for (unsigned y = row - 1; y <= row + 1; y++) {
             const uint32_t open = row_of(s->open, wide, y);
             all &= open & open << 1 & open >> 1;
             any |= open | open << 1 | open >> 1;
         }
         const unsigned at = row * wide;
-        s->visible[at / 64] |= (uint64_t)(all & own & ~edge) << at % 64;
+        s->visible[at / 64] |= (uint64_t)(all & own) << at % 64;
         s->blocked[at / 64] |= (uint64_t)(row_of(s->hit, wide, row) & ~any & own & ~edge)
                                << at % 64;
     }
