@@ -142,6 +142,7 @@ struct attempt {
     char victim[64];    // the input, which must stay as it is
     char folder[64];    // "": none
     const char *beside; // a file in the folder
+    unsigned most_s;    // of processor time
 };
 
 static void note(char *marks, char letter, bool succeeded)
@@ -184,6 +185,11 @@ static int attempts(const struct prt_context *ctx, void *arg, struct prt_blob *o
              MAP_FAILED);
     // The kernel lets anyone set what holds already.
     note(marks, 'l', getrlimit(RLIMIT_CPU, &limit) || setrlimit(RLIMIT_CPU, &limit) == 0);
+    // Nothing is left of a crash, locked in memory or queued; processor time has an end.
+    static const int none[] = {RLIMIT_CORE, RLIMIT_MEMLOCK, RLIMIT_MSGQUEUE};
+    for (int i = 0; i < 3; i++)
+        note(marks, (char)('1' + i), getrlimit(none[i], &limit) || limit.rlim_max > 0);
+    note(marks, 'C', getrlimit(RLIMIT_CPU, &limit) || limit.rlim_max > a->most_s);
     note(marks, 'i', ioctl(0, TIOCSTI, "x") == 0);
     if (a->folder[0]) note(marks, '+', open(a->beside, O_RDONLY) < 0); // this one must be
     if (!PRT_TEST_SANITIZED)
@@ -216,6 +222,7 @@ static void try_all(bool with_folder)
     assert_true(fd >= 0);
     a.high = fcntl(fd, F_DUPFD, 40);
     struct prt_isolate_limits limits = {.memory_bytes = 256 << 20, .seconds = 20};
+    a.most_s = 22;
     if (with_folder) limits.folder = a.folder;
     struct prt_blob out = {NULL, 0};
     assert_int_equal(prt_isolate(NULL, "thing", &limits, attempts, &a, &out), PRT_OK);
