@@ -320,6 +320,33 @@ static void unknown_kinds_are_said(void **state)
     expect_near("g of a named medium", (double)m.g[0], 0.932, 1e-6);
 }
 
+// Contract of prt_material_import: of pbrt's parameters of three channels one number is taken
+// for all of them and three are; another count is a spectrum, by which the reason names it.
+static void counts_of_numbers(void **state)
+{
+    static const char *const word[] = {"sigma_a", "sigma_s", "reflectance", "Kd",       "mfp",
+                                       "g",       "eta",     "scale",       "roughness"};
+    static const char *const list[] = {".5", ".5 .5", ".5 .5 .5", ".5 .5 .5 .5",
+                                       ".5 .5 .5 .5 .5 .5"};
+    struct prt_import made[5];
+    char text[200];
+    for (int w = 0; w < 9; w++)
+        for (int n = 0; n < 5; n++) {
+            const bool taken = n == 0 || (n == 2 && w < 5);
+            snprintf(text, sizeof text,
+                     "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"rgb sigma_s\" "
+                     "[1 2 3] \"rgb mfp\" [1 2 3] \"spectrum %s\" [%s]",
+                     word[w], list[n]);
+            made[n] = import(text, taken);
+            if (n == 2 && taken)
+                assert_memory_equal(&made[0].material, &made[2].material,
+                                    sizeof made[0].material);
+            if (taken) continue;
+            assert_non_null(strstr(made[n].why_not, word[w]));
+            assert_non_null(strstr(made[n].why_not, "spectrum"));
+        }
+}
+
 // Loads the text as a file; what was said is in `said`.
 static void load_text(const char *text, const char *ending)
 {
@@ -490,6 +517,7 @@ int main(void)
         cmocka_unit_test(units_scale_lengths),
         cmocka_unit_test(scale_of_a_pbrt_medium),
         cmocka_unit_test(scale_of_a_pbrt_surface),
+        cmocka_unit_test(counts_of_numbers),
         cmocka_unit_test(losses_are_said),
         cmocka_unit_test(unknown_kinds_are_said),
         cmocka_unit_test(every_loss_is_named),
