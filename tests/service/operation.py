@@ -91,6 +91,26 @@ def check_exposition(text):
     return kinds, seen
 
 
+def check_sums(metrics):
+    """The sum of what a histogram counted lies between the sums of the bounds of its buckets."""
+    buckets = {}
+    for key, n in metrics.items():
+        found = re.match(r'(\w+)_bucket\{(.*,)?le="([^"]+)"\}$', key)
+        if found:
+            name, label, le = found.groups()
+            of = name + "%s" + ("{%s}" % label[:-1] if label else "")
+            buckets.setdefault(of, []).append((float(le), n))
+    assert any("batch_size" in of for of in buckets)
+    for of, rows in buckets.items():
+        least = most = below = counted = 0
+        for le, n in sorted(rows):
+            least += below * (n - counted)
+            most += le * (n - counted) if n > counted else 0
+            below, counted = le, n
+        assert least <= metrics[of % "_sum"] <= most * (1 + 1e-9), (of, rows, metrics[of % "_sum"])
+        assert counted == metrics[of % "_count"], of
+
+
 def metrics_have_the_format(d):
     text = d.ask("GET", "/metrics")[2].decode()
     kinds, seen = check_exposition(text)
@@ -98,6 +118,8 @@ def metrics_have_the_format(d):
     assert d.ask("GET", "/v1/models/small/image?env=constant&size=32x32")[0] == 200
     d.problem(404, "GET", "/v1/models/nothing")
     metrics = d.metrics()
+    assert metrics["relightd_batch_size_count"] >= 1
+    check_sums(metrics)
     kinds, seen = check_exposition(d.ask("GET", "/metrics")[2].decode())
     assert metrics['relightd_requests_total{operation="image",outcome="ok"}'] == 1
     assert metrics['relightd_requests_total{operation="info",outcome="not_found"}'] == 1
