@@ -286,10 +286,14 @@ h = json.load(open('export/history.json'))
 assert len(h) == r['sequence'] and [e['stamp']['sequence'] for e in h] == list(range(1, len(h) + 1))
 END
     # Media by object are exported each for itself.
-    { echo 'o Ball 1'; cat small.obj; } >parts.obj
+    # Two names of objects agree in the letters that fit into a file's name.
+    long=$(printf 'L%.0s' $(seq 60))
+    { echo 'o Ball 1'; cat small.obj; echo "o ${long}a"; awk '/^f/ { $2 += 6; $3 += 6; $4 += 6 } { print }' small.obj
+        echo "o ${long}b"; awk '/^f/ { $2 += 12; $3 += 12; $4 += 12 } { print }' small.obj; } >parts.obj
     expect 0 load parts.obj --remote --size-mm 20 --material marble --preview
     expect 0 room create media --model parts --env constant --size 96x64
-    expect 0 room scene media --material 'Ball 1=skin1'
+    own='{"name":"own","sigma_s_prime":[1,2,3],"sigma_a":[0.1,0.01,0.1],"g":0.2,"eta":1.35,"roughness":0.15}'
+    expect 0 room scene media --material 'Ball 1=skin1' --material "${long}a=$own" --material "${long}b=ketchup"
     expect 0 room scene media --engine texture # the medium stays
     expect 0 room scene media --max-error 0.25 --budget-ms 900
     expect 0 room show media --json
@@ -299,11 +303,25 @@ END
     expect 0 room scene media --engine texture
     expect 0 room approve media
     expect 0 room export media -o media
-    for name in material material-Ball_1-1; do
+    for name in material material-Ball_1-1 "material-$long-2" "material-$long-3"; do
         for kind in json gltf mtlx; do [ -s "media/$name.$kind" ] || fail "media/$name.$kind: $(ls media)"; done
     done
     grep -q 'skin1' media/material-Ball_1-1.json && grep -q 'marble' media/material.json ||
         fail "the media of objects: $(cat media/material*.json)"
+    # Each of a medium's three files says the same of it.
+    python3 - <<'END' || fail "an exported medium"
+import glob, json, re
+for path in glob.glob('media/material*.json'):
+    m = json.load(open(path))
+    g = json.load(open(path[:-4] + 'gltf'))['materials'][0]
+    x = dict(re.findall(r'name="([a-z_A-Z]+)" type="float" value="([^"]*)"', open(path[:-4] + 'mtlx').read()))
+    e = g['extensions']
+    for what, want, *got in (
+            ('roughness', m['roughness'], g['pbrMetallicRoughness']['roughnessFactor'], x['specular_roughness']),
+            ('eta', m['eta'], e['KHR_materials_ior']['ior'], x['specular_IOR']),
+            ('g', m['g'][1], e['KHR_materials_volume_scatter']['scatterAnisotropy'], x['subsurface_anisotropy'])):
+        assert all(abs(float(v) - want) < 1e-6 for v in got), (path, what, want, got)
+END
     # ---- the same bytes over a restart, and from a copy of the store
     expect 0 room backup -o copy.sqlite
     expect 0 room backup -o copy.sqlite --json
@@ -349,7 +367,7 @@ def camera(kind, eye, direction, up, more):
 views = {
     'tilted': camera('PerspectiveCamera', '0.015 -0.02 0.01', '-1 1.8 -0.7', '0 0 1', '<FieldOfView>50</FieldOfView>'),
     'above': camera('OrthogonalCamera', '0.002 -0.003 0.5', '0 0 -1', '0 1 0', '<ViewToWorldScale>0.03</ViewToWorldScale>'),
-    'past': camera('PerspectiveCamera', '0.05 -0.1 0', '0 1 0', '0 2 0', '<FieldOfView>60</FieldOfView>'),
+    'past': camera('PerspectiveCamera', '0.05 -0.1 0', '0 1 0', '0 2 0', '<FieldOfView>75</FieldOfView>'),
     'lost': camera('PerspectiveCamera', 'nan 0 1e99', '0 0 0', '0 0 1', '<FieldOfView>-1</FieldOfView>'),
     'blind': None}
 with zipfile.ZipFile('foreign.bcf', 'w', zipfile.ZIP_DEFLATED) as z:
@@ -406,6 +424,9 @@ with zipfile.ZipFile(sys.argv[1]) as z:
 eyes = [[float(v.find('.//CameraViewPoint/' + k).text) for k in 'XYZ'] for v in views]
 for want in ((0.015, -0.02, 0.01), (0.05, -0.1, 0)):
     assert any(max(abs(g - w) for g, w in zip(eye, want)) < 1e-5 for eye in eyes), (want, eyes)
+# A view's angle is the camera's, as far as the schema allows: one of 75 degrees, a long lens, one of 50; 36 without a camera.
+angles = sorted(float(v.find('.//FieldOfView').text) for v in views)
+assert len(angles) == 5 and min(angles) == 45 and max(angles) == 60 and angles.count(50) == 1 == angles.count(60), angles
 END
 expect 0 room create empty
 expect 2 room import empty foreign.bcf && says 'no model to place pins on'
