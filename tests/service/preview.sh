@@ -99,6 +99,22 @@ for how in "" "--rotate 70 --camera 0,1,4:0,0,0 --background 0,0,0"; do
     expect 0 relight-preview ball --env sky.hdr --size 160x120 $how --format f32 -o client.exr
     same client.exr daemon.exr 0.005
 done
+# of several cameras the last one holds
+for program in "relight image" relight-preview; do
+    while IFS='|' read -r before last; do
+        # shellcheck disable=SC2086
+        expect 0 $program ball --env sky.hdr --size 48x36 $before $last -o both.exr
+        # shellcheck disable=SC2086
+        expect 0 $program ball --env sky.hdr --size 48x36 $last -o last.exr
+        cmp both.exr last.exr || fail "$program: not the last of $before $last"
+    done <<'END'
+--camera side|--orbit 30,20
+--camera 0,1,4:0,0,0|--orbit 30,20
+--orbit 70,-10,2|--camera 0,1,4:0,0,0
+--orbit 70,-10,2|--orbit 30,20
+--camera 3,1,0:0,0,0:0,0,1:60|--camera 0,1,4:0,0,0
+END
+done
 # planes of exit: the daemon's pictures towards each eye are the client's, and differ from those of
 # a bake without them
 echo '{"sigma_s_prime":[0.5,0.5,0.5],"sigma_a":[0.02,0.05,0.1],"eta":1.3}' >thin.json
@@ -147,6 +163,24 @@ mkdir none
 PATH=$dir/none /usr/bin/timeout 100 "$bin/relight-preview" ball --env sky.hdr --size 64x48 -o no.mp4 2>err
 [ $? = 1 ] && grep -q 'ffmpeg' err || fail "a film without ffmpeg"
 expect 1 relight-preview ball --env sky.hdr --size 63x48 -o no.mp4
+# what cannot be written is an error that names it, by every command that writes
+while read -r words; do
+    # shellcheck disable=SC2086
+    expect 1 $words
+    grep -q "away/${words##*away/}" err || fail "no file named: $words: $(cat err)"
+done <<'END'
+relight colors ball --env sky.hdr -o away/x.csv
+relight image ball --env sky.hdr --size 8x8 -o away/x.png
+relight image ball --env sky.hdr --size 8x8 -o away/x.exr
+relight edit open --material ketchup --env sky.hdr -o away/x.npy
+relight edit open --material ketchup --env sky.hdr --size 8x8 -o away/x.png
+relight room backup -o away/x.sqlite
+relight-preview ball --env sky.hdr --size 8x8 -o away/x.png
+prt material marble -o away/x.json
+prt env sky.hdr -o away/x.exr
+prt image ball.obj --material marble --size-mm 20 --env constant --size 8x8 --engine texture -o away/x.png
+prt bake ball.obj --material marble --size-mm 20 --samples 300 --cube 16 -o away/x.prt
+END
 expect 2 relight-preview ball --env sky.hdr --size 0x4 -o x.png
 expect 1 relight-preview ball --env nothing.hdr -o x.png
 expect 3 relight-preview -s unix:"$dir"/none ball --env sky.hdr -o x.png
