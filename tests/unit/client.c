@@ -347,6 +347,38 @@ static void timeouts(void **state)
     assert_int_equal(p.cancelled, 2); // HELLO was 1
 }
 
+// A request's own time is its deadline, and the connection's where it names none.
+enum { N_TIMED = 6 };
+static uint32_t deadlines_ms[N_TIMED];
+
+static void deadlines_script(struct peer *p)
+{
+    peer_hello(p);
+    for (int i = 0; i < N_TIMED && peer_read(p); i++)
+        deadlines_ms[i] = p->decoder.frame.deadline_ms;
+    while (peer_read(p)) peer_pong(p);
+}
+
+static void deadlines(void **state)
+{
+    static const double own_s[N_TIMED] = {7, 0, 7000, 9, 0, 0.25};
+    struct peer p;
+    struct relight_error error;
+    struct relight_colors_request colors = {.model = "m", .n_light = 1, .lights = &sky};
+    struct relight_image_request image = {.model = "m", .n_light = 1, .lights = &sky};
+    uint64_t id;
+    peer_start(&p, deadlines_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(relight_colors_begin(client, &colors, own_s[i], &id, &error), 0);
+    for (int i = 3; i < N_TIMED; i++)
+        assert_int_equal(relight_image_begin(client, &image, own_s[i], &id, &error), 0);
+    assert_int_equal(relight_ping(client, NULL, &error), 0);
+    peer_stop(&p, client);
+    for (int i = 0; i < N_TIMED; i++)
+        assert_int_equal(deadlines_ms[i], own_s[i] > 0 ? own_s[i] * 1e3 : 30000);
+}
+
 static void hangup_script(struct peer *p)
 {
     peer_hello(p);
@@ -1213,6 +1245,7 @@ int main(void)
         cmocka_unit_test(answers_in_frames),
         cmocka_unit_test(errors),
         cmocka_unit_test(timeouts),
+        cmocka_unit_test(deadlines),
         cmocka_unit_test(unreachable),
         cmocka_unit_test(answers_with_wrong_sizes),
         cmocka_unit_test(damaged),

@@ -1,10 +1,20 @@
 /* SPDX-License-Identifier: MIT */
-/* descriptors.h lets a test run out of file descriptors. Include it after cmocka.h. */
+/* descriptors.h counts a test's file descriptors and lets it run out of them. Include it after
+ * cmocka.h. */
 #ifndef UNIT_DESCRIPTORS_H
 #define UNIT_DESCRIPTORS_H
 
+#include <fcntl.h>
 #include <sys/resource.h>
 #include <unistd.h>
+
+/* The descriptors of this process that are open. */
+static inline int open_descriptors(void)
+{
+    int n = 0;
+    for (int fd = 0; fd < 1024; fd++) n += fcntl(fd, F_GETFD) >= 0;
+    return n;
+}
 
 /* No more than n descriptors can be opened from now on; returns the limit before. */
 static inline rlim_t allow_descriptors(rlim_t n)

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "core/loop.h"
+#include "descriptors.h"
 #include "frame.h"
 #include "store/object_store.h"
 
@@ -28,6 +29,7 @@
 #include <unistd.h>
 
 enum { HOSTS = 2 };
+static int descriptors_before;
 // The folder that is shared, as either machine calls it.
 static char folder[64], shared_by[HOSTS][160];
 static char *const shared = shared_by[0];
@@ -36,6 +38,7 @@ static int setup(void **state)
 {
     char mount[HOSTS][100];
     const char *mounts = getenv("RELIGHT_TEST_MOUNTS");
+    descriptors_before = open_descriptors();
     strcpy(folder, "/tmp/relight-objects-XXXXXX");
     assert_non_null(mkdtemp(folder));
     for (int i = 0; i < HOSTS; i++) strcpy(mount[i], folder);
@@ -46,9 +49,11 @@ static int setup(void **state)
     return 0;
 }
 
+// No call of the store keeps a file or a folder open.
 static int teardown(void **state)
 {
     char command[256];
+    assert_int_equal(open_descriptors(), descriptors_before);
     snprintf(command, sizeof command, "rm -rf %s %s", folder, shared);
     return system(command);
 }
@@ -516,6 +521,7 @@ static void nothing_acknowledged_is_lost(void **state)
             fail_msg("object %u was acknowledged and is lost", i);
     }
     print_message("%u kills, %u puts acknowledged, %u objects intact\n", k, all, n);
+    close(acknowledged);
     assert_true(n > OBJECTS / 2 || getenv("OBJECT_RECORDS"));
     object_store_close(store);
 }
