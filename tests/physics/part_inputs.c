@@ -7,9 +7,12 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include <errno.h>
 #include <math.h>
+#include <signal.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/resource.h>
 
 #include "bake_parts.h"
 #include "bodies.h"
@@ -130,6 +133,36 @@ static void checkpoint_in_use(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Contract of prt_bake: a checkpoint that cannot be written when the bake begins ends it, and
+// the line names the file and the reason.
+static void checkpoint_without_room(void **state)
+{
+    struct prt_mesh *mesh = ball_over_square(&context, 24, 16);
+    struct prt_material skin;
+    struct prt_context c = context;
+    struct rlimit before, none;
+    char path[256];
+    snprintf(path, sizeof path, "%s", file("full"));
+    assert_int_equal(prt_material_load(&context, "skin1", &skin), PRT_OK);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, &skin);
+    o.n_shard = 0;
+    o.checkpoint = path;
+    c.log = listen_in, c.log_user = warned;
+    warned[0] = 0;
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
+    none = (struct rlimit){0, before.rlim_max};
+    signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &none), 0);
+    const int status = prt_bake(&c, mesh, &o, file("full.prt"));
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
+    assert_int_equal(status, PRT_IO);
+    assert_non_null(strstr(warned, path));
+    assert_non_null(strstr(warned, strerror(EFBIG)));
+    assert_false(is_there(file("full.prt")));
+    unlink(path);
+    prt_mesh_destroy(mesh);
+}
+
 int main(void)
 {
     if (!bake_files_begin()) return 1;
@@ -137,6 +170,7 @@ int main(void)
         cmocka_unit_test(light_options_and_albedo),
         cmocka_unit_test(points_of_a_profile),
         cmocka_unit_test(checkpoint_in_use),
+        cmocka_unit_test(checkpoint_without_room),
     };
     return run_physics_tests(tests, NULL, bake_files_end);
 }
