@@ -396,6 +396,59 @@ static void test_source_is_baked_again(void **state)
     relight_close(client);
 }
 
+// The daemon ends while a bake that is to replace a model runs: after the restart the name is
+// the earlier model's until that bake has ended, and then the new one's, without a look at the
+// folder.
+static void test_replacement_over_a_restart(void **state)
+{
+    char first[ID_SIZE], second[ID_SIZE] = "", id[ID_SIZE], gate[160], prt[160], text[600];
+    const char *const often[] = {"--poll", "0.2", "--prt", prt, NULL};
+    const char *const seldom[] = {"--poll", "3600", "--prt", prt, NULL};
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_list list;
+    struct relight_load load = small_bake(0, 64);
+    load.name = "rock";
+    load.path = "stone.obj";
+    snprintf(gate, sizeof gate, "%s/gate", d.folder);
+    snprintf(prt, sizeof prt, "%s/prt", d.folder);
+    snprintf(text, sizeof text,
+             "#!/bin/sh\ncase $* in bake*) while [ ! -e %s ]; do sleep 0.02; done;; esac\n"
+             "exec %s/prt \"$@\"\n",
+             gate, PRT_BINARY_DIR);
+    write_text(prt, text);
+    chmod(prt, 0700);
+    write_text(gate, "");
+    put_shape("stone.obj", 1);
+    daemon_start(&d, often);
+    struct relight_client *client = client_open(d.address);
+    OK(relight_load(client, &load, &loaded, &error));
+    relight_loaded_finish(&loaded);
+    wait_for(client, "rock", RELIGHT_MODEL_READY, NULL, first);
+    assert_int_equal(unlink(gate), 0);
+    put_shape("stone.obj", 1.6);
+    while (!second[0]) {
+        sleep_ms(20);
+        OK(relight_list(client, false, &list, &error));
+        for (size_t i = 0; i < list.n_model; i++)
+            if (list.model[i].state == RELIGHT_MODEL_BAKING)
+                snprintf(second, sizeof second, "%s", list.model[i].id);
+        relight_list_finish(&list);
+    }
+    assert_string_not_equal(first, second);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, seldom);
+    client = client_open(d.address);
+    assert_int_equal(state_of(client, "rock", id), RELIGHT_MODEL_READY);
+    assert_string_equal(id, first);
+    assert_int_equal(state_of(client, second, id), RELIGHT_MODEL_BAKING);
+    write_text(gate, "");
+    wait_same(client, "rock", second);
+    wait_gone(client, first);
+    relight_close(client);
+}
+
 // A pose is of the model that it was sent for: a view that goes over to a version of another
 // shape shows that as its file has it.
 static void test_a_pose_stays_behind(void **state)
@@ -663,6 +716,7 @@ int main(void)
         TEST(test_equal_versions),
         TEST(test_faulty_versions),
         TEST(test_source_is_baked_again),
+        TEST(test_replacement_over_a_restart),
         TEST(test_list_in_parts),
         TEST(test_memory_and_pins),
         TEST(test_folder_that_is_away),
