@@ -22,6 +22,8 @@ DIPOLE = ['--engine', 'texture', '--scattering', 'dipole']
 PICTURE = [*LIT, '--size', '96x72']
 # of the index of the bake's wax and holder
 GREEN = '{"name":"green","sigma_s_prime":[1,2,1],"sigma_a":[0.1,0.01,0.1],"g":0.2,"eta":1.5,"roughness":0.1}'
+BROWN = '{"name":"brown","sigma_s_prime":[0.5,0.6,0.7],"sigma_a":[0.05,0.1,0.3],"g":0,"eta":1.5,"roughness":0.2}'
+GREY = '{"name":"grey","sigma_s_prime":[3,3,3],"sigma_a":[0.2,0.2,0.2],"g":0.1,"eta":1.5,"roughness":0.3}'
 # a profile is parsed by a worker
 CURVE = '{"name":"curve","profile":"burley","albedo":[0.8,0.7,0.6],"mean_free_path":[1.5,1.2,1],"eta":1.3}'
 
@@ -222,7 +224,7 @@ def views():
 def loads():
     """LOAD passes its map to the bake and to the preview."""
     own = ['--samples', '1500', '--cube', '16']
-    given = material('wax=' + GREEN, 'foot=ketchup', 'skin1')
+    given = material('wax=' + GREEN, 'foot=' + BROWN, GREY)
     prt('bake', 'candle.gltf', *own, '--transport', 'wavelet', *given, '-o', 'want.prt', '--quiet')
     relight('load', 'candle.gltf', '--name', 'mapped', *own, '--transport', 'wavelet', *given, '--wait')
     prt('colors', 'want.prt', *LIT, '-o', 'want.csv')
@@ -230,8 +232,8 @@ def loads():
     same('got.csv', 'want.csv', 1e-6)
     info = json.loads(relight('info', 'mapped', '--json').stdout)
     names = {(b['node'], b['surface']): info['media'][b['medium']]['name'] for b in info['blocks'] if b['translucent']}
-    expect(names == {('candle', 'wax'): 'green', ('pair', 'wax'): 'green', ('pair', 'holder'): 'skin1',
-                     ('foot', 'holder'): 'ketchup'}, 'media by object: %s' % names)
+    expect(names == {('candle', 'wax'): 'green', ('pair', 'wax'): 'green', ('pair', 'holder'): 'grey',
+                     ('foot', 'holder'): 'brown'}, 'media by object: %s' % names)
     relight('load', 'candle.gltf', '--name', 'sketch', *material('wax=' + GREEN), '--preview')
     prt('image', 'candle.gltf', *PICTURE, *DIPOLE, *material('wax=' + GREEN, 'marble'), '-o', 'want.png')
     relight('image', 'sketch', *PICTURE, '-o', 'got.png', '--engine', 'texture')
