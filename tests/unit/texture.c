@@ -444,6 +444,46 @@ static void extensions_of_a_gltf(void **state)
     prt_mesh_destroy(m);
 }
 
+// Each of many materials keeps its own maps, and one without any has none.
+static void maps_of_many_materials(void **state)
+{
+    enum { N = 200, ROOM = 200 * N };
+    static const float p[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    struct prt_context ctx = context();
+    struct prt_mesh *m = NULL;
+    char buffer[100], *json = malloc(ROOM);
+    base64((const uint8_t *)p, sizeof p, buffer);
+    int n =
+        snprintf(json, ROOM,
+                 "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
+                 "\"nodes\":[{\"mesh\":0}],\"buffers\":[{\"byteLength\":36,\"uri\":"
+                 "\"data:application/octet-stream;base64,%s\"}],\"bufferViews\":[{\"buffer\":0,"
+                 "\"byteLength\":36}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,"
+                 "\"count\":3,\"type\":\"VEC3\"}],\"materials\":[",
+                 buffer);
+    for (int k = 0; k < N; k++)
+        n += snprintf(json + n, (size_t)(ROOM - n),
+                      "%s{\"name\":\"%d\",\"emissiveFactor\":[0,%.9g,0]}", k ? "," : "", k,
+                      k % 3 ? k / 256.0 : 0);
+    n += snprintf(json + n, (size_t)(ROOM - n), "],\"meshes\":[{\"primitives\":[");
+    for (int k = 0; k < N; k++)
+        n += snprintf(json + n, (size_t)(ROOM - n),
+                      "%s{\"attributes\":{\"POSITION\":0},\"material\":%d}", k ? "," : "", k);
+    n += snprintf(json + n, (size_t)(ROOM - n), "]}]}");
+    assert_int_equal(prt_mesh_load_memory(&ctx, "many", json, (size_t)n, NULL, NULL, &m),
+                     PRT_OK);
+    assert_int_equal(m->n_surface, N);
+    for (int k = 0; k < N; k++) {
+        const int of = atoi(m->surface[k].name);
+        const float emits = of % 3 ? (float)of / 256 : 0;
+        assert_true(m->maps[k].emissive[1] == emits);
+        for (int i = 0; i < PRT_N_MAP; i++)
+            assert_int_equal(m->maps[k].map[i].image, m->maps[0].map[i].image);
+    }
+    prt_mesh_destroy(m);
+    free(json);
+}
+
 // Numbers come from the channels that glTF says: red occludes, green is rough, blue is metal.
 static void channels_of_numbers(void **state)
 {
@@ -738,6 +778,7 @@ int main(void)
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(maps_of_a_gltf),
         cmocka_unit_test(extensions_of_a_gltf),
+        cmocka_unit_test(maps_of_many_materials),
         cmocka_unit_test(channels_of_numbers),
         cmocka_unit_test(numbers_of_an_obj_material),
         cmocka_unit_test(maps_of_an_obj_material),
