@@ -410,6 +410,19 @@ static void unreachable(void **state)
     assert_int_equal(relight_connect("tcp:127.0.0.1:99999", NULL, &client, &error),
                      -RELIGHT_E_ARGUMENT);
     assert_int_equal(relight_connect("tcp:[::1", NULL, &client, &error), -RELIGHT_E_ARGUMENT);
+    static const char *const malformed[] = {
+        "tcp:",      "tcp::80",    "tcp:a:",          "tcp:a:8x",
+        "tcp:a: 8",  "tcp:a:-1",   "tcp:a:65536",     "tcp:a:000080",
+        "tcp:[]:80", "tcp:[::1]x", "tcp:[::1]80",     "tcp:[::1]:",
+        "tls:",      "tls::80",    "tls:[::1]:65536", "unix:"};
+    for (size_t i = 0; i < sizeof malformed / sizeof *malformed; i++)
+        if (relight_connect(malformed[i], NULL, &client, &error) != -RELIGHT_E_ARGUMENT)
+            fail_msg("the address \"%s\": %s", malformed[i], error.text);
+    static const char *const nobody[] = {"tcp:127.0.0.1:00001", "tcp:[::1]:1",
+                                         "tcp:[127.0.0.1]:1"};
+    for (size_t i = 0; i < sizeof nobody / sizeof *nobody; i++)
+        if (relight_connect(nobody[i], NULL, &client, &error) != -RELIGHT_E_UNREACHABLE)
+            fail_msg("the address %s: %s", nobody[i], error.text);
     peer_start(&p, silent_script, 0);
     struct relight_options hurry = {.connect_timeout_s = 0.1};
     assert_int_equal(relight_connect(p.address, &hurry, &client, &error),
