@@ -112,6 +112,22 @@ def tampering(d, link, shop):
     assert "audit act=refused" in d.log() and "link=/v1/models/small/image.jpg" in d.log()
 
 
+def urls_that_are_refused(d, shop):
+    """What is no path with whole escapes, or holds a control character in any of its parts, is not signed."""
+    path, query = PATH.split("?")
+    for bad in ("%00", "%01", "%1f", "%1F", "%7f", "%7F", "%", "%4", "%zz", "%4g"):
+        for url in (path + bad, path + bad + "?" + query, PATH + "&x" + bad + "=1", PATH + "&x=1" + bad, PATH + "&x=" + bad + "/1"):
+            said = relight(d, "sign", url, token=shop, expect=1)
+            assert "broken %XX" in said, (url, said)
+    for url in (PATH[1:], PATH + "#x", "http://x" + PATH):
+        assert "expected a path of this daemon" in relight(d, "sign", url, token=shop, expect=1)
+    assert "more parameters" in relight(d, "sign", PATH + "&a=1" * 500, token=shop, expect=1)
+    # Other characters are kept, escaped or not.
+    for good in ("%20", "%7E", "~", "%C3%A4", "+"):
+        link = relight(d, "sign", PATH + "&name=a" + good, token=shop)
+        assert d.ask("GET", link)[0] == 400 and "&sig=" in link, link  # signed, and no such parameter
+
+
 def links_made_without_a_daemon(d, shop, picture):
     path, query = PATH.split("?")
     soon = int(time.time()) + 60
@@ -191,6 +207,7 @@ def main():
         link = pictures_by_link(d, shop)
         picture = d.ask("GET", link)[2]
         tampering(d, link, shop)
+        urls_that_are_refused(d, shop)
         links_made_without_a_daemon(d, shop, picture)
         pages_of_other_origins(d, shop)
         who_may_sign(d)
