@@ -107,6 +107,16 @@ def pictures(d):
                              ("deadline_ms=0", "deadline_ms")):
         problem, _ = d.problem(400, "GET", image + "?env=constant&" + query)
         assert problem.get("parameter") == parameter, (query, problem)
+    # A number out of its range: the problem has the range, and its unit where there is one.
+    for query, *wanted in (("quality=101", "picture.quality", 1, 100, None),
+                           ("exposure=99", "picture.exposure_ev", -40, 40, "stops"),
+                           ("camera=0,0,3:0,0,0:0,1,0:170", "picture.camera.fovy_deg", 0, 170, "degrees"),
+                           ("rotate=1e9", "lights[0].rotate_deg", -1e6, 1e6, "degrees"),
+                           ("max_error=-1", "shade.max_error", 0, 1e9, None)):
+        problem, _ = d.problem(400, "GET", image + "?env=constant&" + query)
+        assert [problem.get(k) for k in ("parameter", "minimum", "maximum", "unit")] == wanted, (query, problem)
+    assert "/v1/openapi.json" in d.problem(400, "GET", image + "?env=constant&foo=1")[0]["hint"]
+    assert "relight models" in d.problem(404, "GET", "/v1/models/nothing")[0]["hint"]
     d.problem(404, "GET", image + ".gif?env=constant")
     problem, _ = d.problem(400, "POST", image + "?env=constant", sky())
     assert problem["parameter"] == "env"
@@ -121,7 +131,8 @@ def pictures(d):
 def colours(d):
     raw = d.ask("GET", "/v1/models/small/colors?env=constant")
     values = array.array("f", raw[2])
-    assert raw[1]["x-relight-vertices"] == "6" and len(values) == 18
+    head = {k: int(raw[1]["x-relight-" + k]) for k in ("vertices", "planes", "plane-bytes")}
+    assert head == {"vertices": 6, "planes": 1, "plane-bytes": 72} and len(values) == 18, head
     rows = d.ask("GET", "/v1/models/small/colors.csv?env=constant")[2].decode().splitlines()
     assert rows[0] == "vertex,r,g,b" and len(rows) == 7
     for i, row in enumerate(rows[1:]):
