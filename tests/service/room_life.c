@@ -774,6 +774,33 @@ static void rooms_are_counted(void **unused)
     end();
 }
 
+// A room that is refused does not count: for a name that is too long, and for such a model.
+static void refused_rooms_do_not_count(void **unused)
+{
+    char name[1000], room[33];
+    memset(name, 'n', sizeof name - 1);
+    name[sizeof name - 1] = 0;
+    begin((const char *const[]){"--client-rooms", "1", NULL});
+    struct frames *f = frames_open(&d);
+    for (uint64_t i = 0; i < 4; i++) {
+        Relight__RoomCreateRequest m = RELIGHT__ROOM_CREATE_REQUEST__INIT;
+        Relight__Scene scene = RELIGHT__SCENE__INIT;
+        m.name = i % 2 ? name : "a room";
+        m.me = "Ann";
+        scene.model = name;
+        if (i % 2 == 0) m.scene = &scene;
+        frames_add(f, RELIGHT_TYPE_ROOM_CREATE, 100 + i, &m.base, NULL, 0);
+        frames_send(f);
+        struct reply r = reply_to(f, 100 + i);
+        assert_int_not_equal(r.code, 0);
+        reply_free(&r);
+    }
+    room_create(f, "the one", room);
+    assert_int_equal(try_room(f), RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    frames_close(f);
+    end();
+}
+
 // On a full disk what can be made again goes for an event, a preview first.
 static void an_event_gets_its_room(void **unused)
 {
@@ -922,6 +949,7 @@ int main(void)
         cmocka_unit_test_teardown(the_list_tells_roles, teardown),
         cmocka_unit_test_teardown(a_guest_sees_the_rooms_models, teardown),
         cmocka_unit_test_teardown(rooms_are_counted, teardown),
+        cmocka_unit_test_teardown(refused_rooms_do_not_count, teardown),
         cmocka_unit_test_teardown(an_event_gets_its_room, teardown),
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
