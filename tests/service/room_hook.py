@@ -27,15 +27,16 @@ def fail(text):
 
 
 class Hook(http.server.BaseHTTPRequestHandler):
-    """503 to the first of each delivery, then 204."""
-    seen, got = set(), queue.Queue()
+    """The status that the room is called by, or 503, to the first of each delivery, then 204."""
+    seen, got, last = [], queue.Queue(), ''
 
     def do_POST(self):
         body = self.rfile.read(int(self.headers['Content-Length']))
         delivery = self.headers['X-Relight-Delivery']
         first = delivery not in self.seen
-        self.seen.add(delivery)
-        self.send_response(503 if first else 204)
+        self.seen.append(delivery)
+        name = Hook.last = json.loads(body)['room_name']
+        self.send_response(204 if not first else int(name) if name.isdigit() else 503)
         self.end_headers()
         if not first:
             self.got.put((self.path, dict(self.headers), body))
@@ -106,6 +107,46 @@ def review(daemon, name):
     daemon.relight('room', 'approve', name, 'fine', '--as', 'Bob')
 
 
+def told_as_kept(daemon, told):
+    """What was posted is what the room has."""
+    room = json.loads(daemon.relight('room', 'show', told['room_name'], '--json'))
+    of = [x for x in room['pins'] + room['decisions'] if int(x['stamp']['sequence']) == told['sequence']]
+    if len(of) != 1 or told['room'] != room['room']:
+        fail('nothing in the room has the number of %s' % told)
+    kept, seen = of[0], of[0]['seen']
+    want = {'time_us': int(kept['stamp']['time_us']), 'by': kept['stamp']['by'], 'name': kept['stamp'].get('name', ''),
+            'revision': seen['revision'], 'model': seen['model'], 'bake_hash': seen.get('bake_hash', ''),
+            'picture_hash': seen['picture_hash']}
+    if told['event'] == 'pin':
+        want['text'] = kept['notes'][0]['text']
+    else:
+        want.update(verdict='approved' if kept.get('approve') else 'rejected', note=kept['note'], hash=kept['hash'])
+    for field, value in want.items():
+        if told[field] != value:
+            fail('%s is %r, the room has %r' % (field, told[field], value))
+
+
+def statuses(daemon):
+    """An answer of 2xx ends a delivery, as does a refusal, which is logged; a server that is busy is asked again."""
+    for status, again in ((200, False), (299, False), (300, False), (302, False), (400, False), (404, False), (499, False),
+                          (408, True), (429, True), (500, True), (599, True)):
+        before = len(Hook.seen)
+        daemon.relight('room', 'create', str(status), '--model', 'small', '--env', 'constant:1,1,1', '--size', '64x48')
+        daemon.relight('room', 'approve', str(status))
+        # Deliveries are made in their order: the one before has ended when another one's room is told.
+        daemon.relight('room', 'approve', '200')
+        for _ in range(1000):
+            if len(Hook.seen) >= before + 2 + again and Hook.last == '200':
+                break
+            time.sleep(0.02)
+        if len(Hook.seen) - before != 2 + again:
+            fail('a server that answers with %d was asked %d times' % (status, len(Hook.seen) - before - 1))
+        if status >= 300 and not again:
+            daemon.wait('the server answers with status %d' % status)
+    while not Hook.got.empty():
+        Hook.got.get()
+
+
 def main():
     folder = tempfile.mkdtemp()
     try:
@@ -138,6 +179,13 @@ def main():
             right = 'sha256=' + hmac.new(KEY.encode(), body, hashlib.sha256).hexdigest()
             if not hmac.compare_digest(right, headers['X-Relight-Signature']):
                 fail('the signature is %s, not %s' % (headers['X-Relight-Signature'], right))
+            told_as_kept(d, told)
+        d.relight('room', 'reject', 'first', 'no')
+        told = json.loads(Hook.got.get(timeout=20)[2])
+        told_as_kept(d, told)
+        if told['verdict'] != 'rejected':
+            fail('of a rejection: %s' % told)
+        statuses(d)
         d.stop()
 
         # Nobody whom this daemon trusts has signed the server's certificate.
