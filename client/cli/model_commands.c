@@ -7,6 +7,12 @@
 #include <string.h>
 #include <unistd.h>
 
+static void add_strings(cJSON *json, const char *key, const char *const *text, size_t n)
+{
+    cJSON *list = cJSON_AddArrayToObject(json, key);
+    for (size_t i = 0; i < n; i++) cJSON_AddItemToArray(list, cJSON_CreateString(text[i]));
+}
+
 int run_ping(struct relight_client *client, struct options *options)
 {
     struct relight_error error;
@@ -19,14 +25,10 @@ int run_ping(struct relight_client *client, struct options *options)
         cJSON_AddStringToObject(json, "address", server->address);
         add_float(json, "milliseconds", seconds * 1e3);
         cJSON_AddStringToObject(json, "principal", server->principal);
-        cJSON *scopes = cJSON_AddArrayToObject(json, "scopes");
-        for (size_t i = 0; i < server->n_scope; i++)
-            cJSON_AddItemToArray(scopes, cJSON_CreateString(server->scope[i]));
+        add_strings(json, "scopes", server->scope, server->n_scope);
         if (server->expires_s)
             cJSON_AddNumberToObject(json, "expires_s", (double)server->expires_s);
-        cJSON *presets = cJSON_AddArrayToObject(json, "materials");
-        for (size_t i = 0; i < server->n_preset; i++)
-            cJSON_AddItemToArray(presets, cJSON_CreateString(server->preset[i]));
+        add_strings(json, "materials", server->preset, server->n_preset);
         print_json(json);
     } else {
         printf("%s at %s answers in %.3f ms\nyou are %s:", escape(server->name).text,
@@ -185,9 +187,7 @@ int run_info(struct relight_client *client, struct options *options)
         cJSON_AddStringToObject(json, "bake_hash", m.bake_hash);
         add_text(json, "settings", m.settings);
         add_text(json, "errors", m.errors);
-        cJSON *warnings = cJSON_AddArrayToObject(json, "warnings");
-        for (size_t i = 0; i < m.n_warning; i++)
-            cJSON_AddItemToArray(warnings, cJSON_CreateString(m.warning[i]));
+        add_strings(json, "warnings", m.warning, m.n_warning);
         cJSON *blocks = cJSON_AddArrayToObject(json, "blocks");
         for (size_t i = 0; i < m.n_block; i++) {
             const struct relight_block *b = m.block + i;
@@ -204,8 +204,7 @@ int run_info(struct relight_client *client, struct options *options)
             cJSON_AddItemToArray(blocks, block);
         }
         add_cameras(json, &m);
-        cJSON_AddItemToObject(json, "variants",
-                              cJSON_CreateStringArray(m.variant, (int)m.n_variant));
+        add_strings(json, "variants", m.variant, m.n_variant);
         print_json(json);
     } else {
         printf("%s  %s\n  state: %s", escape(m.id).text, escape(m.name).text,
