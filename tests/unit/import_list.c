@@ -2,6 +2,8 @@
 // What a scan of --models finds, and which files a .gltf names (server/store/import_file.h).
 #include "store/import_file.h"
 
+#include "ops/load.h"
+
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -122,6 +124,27 @@ static void test_names_take_linear_time(void **state)
     import_file_finish(&file);
 }
 
+// The copies of a LOAD's files are in use, and stay on the disk, until it has ended; a file too
+// many is not added.
+static void test_files_of_a_load_are_used(void **state)
+{
+    struct load *load = calloc(1, sizeof *load);
+    struct import_copy copy = {.refs = 1};
+    assert_true(load_add_file(load, "upload.bin", "", NULL));
+    for (size_t n = load->n_file; n < MAX_FILES; n++) {
+        assert_int_equal(copy.users, n - 1);
+        assert_true(load_add_file(load, "a.bin", "", &copy));
+        assert_int_equal(copy.refs, 1 + copy.users);
+    }
+    assert_false(load_add_file(load, "b.bin", "", &copy));
+    assert_int_equal(load->n_file, MAX_FILES);
+    assert_int_equal(copy.users, MAX_FILES - 1);
+    assert_true(copy.used_ns > 0);
+    load_drop(load);
+    assert_int_equal(copy.users, 0);
+    assert_int_equal(copy.refs, 1);
+}
+
 static int setup(void **state)
 {
     return mkdtemp(folder) ? 0 : -1;
@@ -140,6 +163,7 @@ int main(void)
         cmocka_unit_test(test_scan_without_descriptors),
         cmocka_unit_test(test_names_in_a_gltf),
         cmocka_unit_test(test_names_take_linear_time),
+        cmocka_unit_test(test_files_of_a_load_are_used),
     };
     return cmocka_run_group_tests_name("import_list", tests, setup, teardown);
 }
