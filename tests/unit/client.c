@@ -90,6 +90,8 @@ static void peer_pong(struct peer *p)
     peer_answer(p, &pong.base, NULL, 0);
 }
 
+static uint32_t most_in_flight = 64; // that the peer takes
+
 static void peer_hello_of(struct peer *p, uint64_t max_payload)
 {
     Relight__HelloAnswer m = RELIGHT__HELLO_ANSWER__INIT;
@@ -98,7 +100,7 @@ static void peer_hello_of(struct peer *p, uint64_t max_payload)
     m.server = "peer";
     m.version = 1;
     m.max_payload = max_payload;
-    m.max_in_flight = 64;
+    m.max_in_flight = most_in_flight;
     m.chunk = 1000;
     m.presets = presets;
     m.n_presets = 1;
@@ -642,6 +644,85 @@ static void uploads(void **state)
     assert_int_equal(sent, sizeof bytes);
     peer_stop(&p, client);
     assert_int_equal(p.blob_bytes, sizeof bytes);
+}
+
+// Answers a chunk when no more come: how many travelled at once, and the largest.
+static uint32_t together;
+static uint64_t largest, limit;
+
+static void slow_script(struct peer *p)
+{
+    uint64_t received = 0, id[16];
+    peer_hello_of(p, limit);
+    for (bool more = true; more;) {
+        Relight__PutBlobAnswer a = RELIGHT__PUT_BLOB_ANSWER__INIT;
+        struct pollfd readable = {p->fd, POLLIN, 0};
+        uint32_t n = 0;
+        bool chunks = false;
+        do {
+            if (!(more = peer_read(p))) break;
+            if (p->decoder.frame.type != RELIGHT_TYPE_PUT_BLOB) {
+                peer_pong(p);
+                break;
+            }
+            Relight__PutBlobRequest *m =
+                (Relight__PutBlobRequest *)relight_frame_unpack(&p->decoder.frame);
+            const uint64_t size = p->decoder.frame.payload_size;
+            if (m->offset == received) received += size;
+            if (size > largest) largest = size;
+            a.complete = received == m->size;
+            chunks |= size > 0;
+            id[n++] = p->decoder.frame.id;
+            protobuf_c_message_free_unpacked(&m->base, NULL);
+        } while (n < 16 && poll(&readable, 1, 30) == 1);
+        if (chunks && n > together) together = n;
+        a.received = received;
+        for (uint32_t i = 0; i < n; i++)
+            peer_send(p, RELIGHT_TYPE_PUT_BLOB | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, id[i],
+                      &a.base, NULL, 0);
+    }
+}
+
+static int stop_at_once(void *user, const struct relight_progress *progress)
+{
+    return 1;
+}
+
+// Chunks are as long, and as many at once, as the server takes; an upload that the program
+// stops leaves the connection as it was.
+static void upload_limits(void **state)
+{
+    static const struct {
+        uint64_t payload;
+        uint32_t in_flight, together, largest;
+    } row[] = {{8 << 20, 64, 4, 1000}, {300, 64, 4, 300}, {8 << 20, 1, 1, 1000}, {7, 3, 3, 7}};
+    char bytes[6500], hash[65];
+    for (size_t i = 0; i < sizeof bytes; i++) bytes[i] = (char)(i * 11);
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        const size_t n = row[i].largest < 1000 ? row[i].largest * 9 + 1 : sizeof bytes;
+        struct peer p;
+        struct relight_error error;
+        uint64_t sent;
+        together = 0, largest = 0;
+        limit = row[i].payload;
+        most_in_flight = row[i].in_flight;
+        peer_start(&p, slow_script, 0);
+        struct relight_client *client = connect_to(&p, 30);
+        assert_int_equal(relight_upload(client, "x", bytes, n, NULL, NULL, hash, &sent, &error),
+                         0);
+        assert_int_equal(sent, n);
+        peer_stop(&p, client);
+        assert_int_equal(largest, row[i].largest);
+        assert_true(together <= row[i].together);
+        peer_start(&p, slow_script, 0);
+        client = connect_to(&p, 30);
+        assert_int_equal(
+            relight_upload(client, "x", bytes, n, stop_at_once, NULL, hash, &sent, &error),
+            -RELIGHT_E_CANCELLED);
+        assert_int_equal(relight_ping(client, NULL, &error), 0);
+        peer_stop(&p, client);
+    }
+    most_in_flight = 64;
 }
 
 // What a request for vertices had.
@@ -1263,6 +1344,7 @@ int main(void)
         cmocka_unit_test(answers_with_wrong_sizes),
         cmocka_unit_test(damaged),
         cmocka_unit_test(uploads),
+        cmocka_unit_test(upload_limits),
         cmocka_unit_test(vertices_in_pieces),
         cmocka_unit_test(threads_share_a_client),
         cmocka_unit_test(requests_while_answers_arrive),
