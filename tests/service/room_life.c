@@ -169,6 +169,63 @@ static void a_seat_has_a_name_of_bounded_length(void **unused)
     end();
 }
 
+static int sit_down(struct frames *f, uint64_t id, const char *room, Relight__Participant *me)
+{
+    Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    in.room = (char *)room;
+    in.me = me;
+    frames_add(f, RELIGHT_TYPE_SUBSCRIBE, id, &in.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, id);
+    const int code = r.code;
+    reply_free(&r);
+    return code;
+}
+
+// A participant is sane, and of bounded size, in its hand and in its own scene.
+static void a_seat_has_a_sane_participant(void **unused)
+{
+    enum { BAD = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, LIGHTS = 17, PARTS = 7 };
+    char room[33], *parts[PARTS], large[16400];
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[LIGHTS];
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    room_create(f, "sane", room);
+    memset(large, ' ', sizeof large - 1);
+    large[sizeof large - 1] = 0;
+    light.env = "constant";
+    for (int i = 0; i < LIGHTS; i++) lights[i] = &light;
+    for (int i = 0; i < PARTS; i++) parts[i] = "lights";
+    uint64_t id = 100;
+    for (int own = 0; own < 2; own++) {
+        Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
+        Relight__Scene scene = RELIGHT__SCENE__INIT;
+        me.name = "Ann";
+        if (own) me.own = &scene;
+        else me.hand = &scene;
+        scene.lights = lights;
+        scene.n_lights = LIGHTS - 1;
+        me.hand_parts = parts;
+        me.n_hand_parts = PARTS - 1;
+        assert_int_equal(sit_down(f, id++, room, &me), 0);
+        me.n_hand_parts = PARTS;
+        assert_int_equal(sit_down(f, id++, room, &me), BAD);
+        me.n_hand_parts = 0;
+        scene.n_lights = LIGHTS;
+        assert_int_equal(sit_down(f, id++, room, &me), BAD);
+        scene.n_lights = 1;
+        light.rotate_deg = NAN;
+        assert_int_equal(sit_down(f, id++, room, &me), BAD);
+        light.rotate_deg = 0;
+        scene.material = large;
+        assert_int_equal(sit_down(f, id++, room, &me), BAD);
+        scene.material = "marble";
+        assert_int_equal(sit_down(f, id++, room, &me), 0);
+    }
+    frames_close(f);
+    end();
+}
+
 // Adds ROOM_PRESENCE with a hand on the light, or with none.
 static void add_hand(struct frames *f, uint64_t subscription, float deg)
 {
@@ -939,6 +996,7 @@ int main(void)
         cmocka_unit_test_teardown(survives_a_restart, teardown),
         cmocka_unit_test_teardown(people_see_each_other, teardown),
         cmocka_unit_test_teardown(a_seat_has_a_name_of_bounded_length, teardown),
+        cmocka_unit_test_teardown(a_seat_has_a_sane_participant, teardown),
         cmocka_unit_test_teardown(a_hand_is_seen, teardown),
         cmocka_unit_test_teardown(an_own_scene_is_seen, teardown),
         cmocka_unit_test_teardown(a_cursor_resumes, teardown),
