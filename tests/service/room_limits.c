@@ -101,6 +101,76 @@ static void a_room_has_its_owners_memory(void **unused)
     end();
 }
 
+static double held(const char *resource)
+{
+    char name[100];
+    struct relight_client *client = client_open(d.address);
+    snprintf(name, sizeof name, "relightd_resource_held{resource=\"%s\"}", resource);
+    const double value = metric(client, name);
+    relight_close(client);
+    assert_true(value >= 0);
+    return value;
+}
+
+// An edit that is refused takes nothing of the disk and of the memory, however often it comes.
+static void refused_edits_hold_nothing(void **unused)
+{
+    char room[33], name[3000];
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    room_create(f, "calm", room);
+    room_add_subscribe(f, 20, room, 0, "Ann");
+    assert_int_equal(room_rotate(f, room, 1), 0);
+    memset(name, 'n', sizeof name - 1);
+    name[sizeof name - 1] = 0;
+    double disk = 0, memory = 0;
+    for (int i = 0; i < 60; i++) {
+        // The first one drops what is packed for people who come.
+        if (i == 1) disk = held("disk"), memory = room_memory();
+        Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+        Relight__RoomRename rename = RELIGHT__ROOM_RENAME__INIT;
+        Relight__PutVariant variant = RELIGHT__PUT_VARIANT__INIT;
+        Relight__Member member = RELIGHT__MEMBER__INIT;
+        rename.name = name;
+        variant.name = name;
+        variant.material = "marble";
+        member.by = name;
+        if (i % 3 == 0) action.rename = &rename;
+        if (i % 3 == 1) action.variant = &variant;
+        if (i % 3 == 2) action.member = &member;
+        assert_int_not_equal(room_edit_now(f, room, &action, NULL, NULL), 0);
+    }
+    assert_true(disk > 0 && memory > 0);
+    assert_true(held("disk") == disk);
+    assert_true(room_memory() == memory);
+    assert_int_equal(room_rotate(f, room, 2), 0);
+    assert_true(held("disk") > disk);
+    frames_close(f);
+    end();
+}
+
+// On a full disk a room takes no more events, but can be closed, and not be opened again.
+static void a_full_disk_closes_rooms(void **unused)
+{
+    char room[33], text[512] = "";
+    begin((const char *const[]){"--disk", "32k", NULL});
+    struct frames *f = frames_open(&d);
+    room_create(f, "full", room);
+    int code = 0;
+    for (int n = 0; n < 400 && !code; n++) code = room_rotate(f, room, (float)n);
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    for (int closed = 1; closed >= 0; closed--) {
+        Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+        Relight__RoomClose close = RELIGHT__ROOM_CLOSE__INIT;
+        close.closed = closed;
+        action.close = &close;
+        assert_int_equal(room_edit_now(f, room, &action, NULL, text),
+                         closed ? 0 : RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    }
+    frames_close(f);
+    end();
+}
+
 // Rooms that nobody uses leave memory for those that somebody uses, and come back.
 static void unused_rooms_leave_memory(void **unused)
 {
@@ -260,6 +330,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(guests_share_their_inviters_limits, teardown),
         cmocka_unit_test_teardown(a_room_has_its_owners_memory, teardown),
+        cmocka_unit_test_teardown(refused_edits_hold_nothing, teardown),
+        cmocka_unit_test_teardown(a_full_disk_closes_rooms, teardown),
         cmocka_unit_test_teardown(unused_rooms_leave_memory, teardown),
         cmocka_unit_test_teardown(presence_has_a_bound, teardown),
     };
