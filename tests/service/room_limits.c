@@ -325,6 +325,49 @@ static void presence_has_a_bound(void **unused)
     end();
 }
 
+// Who sits in a room learns of everybody that left, also where more leave at once than the room
+// remembers: then it is told who is there.
+static void a_crowd_leaves_at_once(void **unused)
+{
+    enum { CROWD = 150 };
+    static uint64_t key[4 * CROWD];
+    unsigned n = 0;
+    char room[33];
+    begin(NULL);
+    struct frames *ann = frames_open(&d), *crowd = frames_open(&d);
+    room_create(ann, "crowd", room);
+    room_add_subscribe(ann, 20, room, 0, "Ann");
+    frames_send(ann);
+    for (uint64_t i = 0; i < CROWD; i++) room_add_subscribe(crowd, 30 + i, room, 0, "one");
+    frames_send(crowd);
+    for (int gone = 0; gone < 2; gone++) {
+        const double end = now_s() + 20;
+        while (n != (gone ? 1 : CROWD + 1) && now_s() < end) {
+            struct reply r;
+            if (!reply_next(ann, 20, 100, &r, NULL)) continue;
+            assert_false(r.closed);
+            const Relight__Event *e = (Relight__Event *)r.message;
+            if (e->kind == RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE) {
+                Relight__Presence *p = relight__presence__unpack(NULL, r.n, r.payload);
+                if (e->lost) n = 0;
+                for (size_t i = 0; i < p->n_participants; i++) {
+                    unsigned k = 0;
+                    while (k < n && key[k] != p->participants[i]->key) k++;
+                    if (k < n && p->participants[i]->gone) key[k] = key[--n];
+                    else if (k == n && !p->participants[i]->gone)
+                        key[n++] = p->participants[i]->key;
+                }
+                relight__presence__free_unpacked(p, NULL);
+            }
+            reply_free(&r);
+        }
+        assert_int_equal(n, gone ? 1 : CROWD + 1);
+        if (!gone) frames_close(crowd);
+    }
+    frames_close(ann);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -334,6 +377,7 @@ int main(void)
         cmocka_unit_test_teardown(a_full_disk_closes_rooms, teardown),
         cmocka_unit_test_teardown(unused_rooms_leave_memory, teardown),
         cmocka_unit_test_teardown(presence_has_a_bound, teardown),
+        cmocka_unit_test_teardown(a_crowd_leaves_at_once, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
