@@ -578,6 +578,39 @@ static void pictures_are_named_by_their_hash(void **unused)
     room_state_free(t.state);
 }
 
+// A room needs the models of its pins, decisions and revisions; while it is open, also those of
+// its scene and of what can be undone. Each is named once.
+static void a_closed_room_needs_less(void **unused)
+{
+    Relight__RoomState s = RELIGHT__ROOM_STATE__INIT;
+    Relight__Scene saved = RELIGHT__SCENE__INIT, now = saved, before = saved;
+    Relight__Revision revision = RELIGHT__REVISION__INIT, *revisions[] = {&revision, &revision};
+    Relight__Pin pin = RELIGHT__PIN__INIT, *pins[] = {&pin};
+    Relight__Decision decision = RELIGHT__DECISION__INIT, *decisions[] = {&decision};
+    Relight__Seen of_pin = RELIGHT__SEEN__INIT, of_decision = of_pin;
+    Relight__UndoStep step = RELIGHT__UNDO_STEP__INIT, *undo[] = {&step};
+    saved.model = "saved", now.model = "now", before.model = "before";
+    of_pin.model = "pinned", of_decision.model = "decided";
+    revision.scene = &saved, pin.seen = &of_pin, decision.seen = &of_decision;
+    step.other = &before;
+    for (int closed = 0; closed < 2; closed++) {
+        s.closed = closed;
+        s.scene = &now;
+        s.revisions = revisions, s.n_revisions = 2;
+        s.pins = pins, s.n_pins = 1;
+        s.decisions = decisions, s.n_decisions = 1;
+        s.undo = undo, s.n_undo = 1;
+        char *needs = room_needs(&s);
+        assert_string_equal(needs, closed ? "\ndecided\npinned\nsaved\n"
+                                          : "\nbefore\ndecided\nnow\npinned\nsaved\n");
+        free(needs);
+    }
+    s = (Relight__RoomState)RELIGHT__ROOM_STATE__INIT;
+    char *none = room_needs(&s);
+    assert_string_equal(none, "");
+    free(none);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -593,6 +626,7 @@ int main(void)
         cmocka_unit_test(what_can_be_undone_is_needed),
         cmocka_unit_test(media_by_object),
         cmocka_unit_test(pictures_are_named_by_their_hash),
+        cmocka_unit_test(a_closed_room_needs_less),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
