@@ -35,7 +35,8 @@ def cameras():
 
 
 # What HTTP calls them.
-NAMES = {'vertices': 'n_vertex', 'triangles': 'n_triangle', 'objects': 'n_object', 'box_min_mm': 'box_min', 'box_max_mm': 'box_max'}
+NAMES = {'vertices': 'n_vertex', 'triangles': 'n_triangle', 'objects': 'n_object', 'box_min_mm': 'box_min',
+         'box_max_mm': 'box_max'}
 
 
 def agree(said, other, where):

@@ -116,7 +116,8 @@ def urls_that_are_refused(d, shop):
     """What is no path with whole escapes, or holds a control character in any of its parts, is not signed."""
     path, query = PATH.split("?")
     for bad in ("%00", "%01", "%1f", "%1F", "%7f", "%7F", "%", "%4", "%zz", "%4g"):
-        for url in (path + bad, path + bad + "?" + query, PATH + "&x" + bad + "=1", PATH + "&x=1" + bad, PATH + "&x=" + bad + "/1"):
+        for url in (path + bad, path + bad + "?" + query, PATH + "&x" + bad + "=1", PATH + "&x=1" + bad,
+                    PATH + "&x=" + bad + "/1"):
             said = relight(d, "sign", url, token=shop, expect=1)
             assert "broken %XX" in said, (url, said)
     for url in (PATH[1:], PATH + "#x", "http://x" + PATH):
