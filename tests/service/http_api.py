@@ -67,6 +67,22 @@ def every_format(d, image):
         assert by_ending[2] == by_word[2] and by_ending[1]["content-type"] == by_word[1]["content-type"], ending
 
 
+def headers_of_pictures(d, image):
+    """A picture's headers have its engine, its model's generation, and parts of the time that make no more than all."""
+    generation = d.json("GET", "/v1/models/small")["generation"]
+    for query, engine in (("", "wavelet"), ("&engine=texture", "texture"), ("&engine=splat", "splat")):
+        headers = d.ask("GET", image + "?env=constant:0.3,0.2,0.1&size=40x30" + query)[1]
+        assert headers["x-relight-engine"] == engine and headers["x-relight-size"] == "40x30", headers
+        assert int(headers["x-relight-generation"]) == generation and float(headers["x-relight-error-bound"]) > 0, headers
+        parts = dict(part.split(";dur=") for part in headers["server-timing"].split(", "))
+        assert list(parts) == ["queue", "light", "relight", "raster", "shade", "encode", "total"], headers
+        ms = {name: float(x) for name, x in parts.items()}
+        total = ms.pop("total")
+        assert 0 < sum(ms.values()) <= total + 0.1 and ms["relight"] > 0, headers
+        # Engines in image space draw no mesh, and contract no light with a bake.
+        assert (ms["light"] + ms["raster"] > 0) == (engine == "wavelet"), headers
+
+
 def pictures(d):
     image = "/v1/models/small/image"
     status, headers, jpeg = d.ask("GET", image + ".jpg?env=constant&size=120x90&rotate=30")
@@ -98,6 +114,7 @@ def pictures(d):
         problem, _ = d.problem(400, "POST", image + path, json.dumps(dict(body, **more)), json_type)
         assert problem["parameter"] == parameter, (path, problem)
     every_format(d, image)
+    headers_of_pictures(d, image)
     exr = d.ask("GET", image + ".exr?env=constant&size=32x32&camera=0,0,3:0,0,0:0,1,0:40")
     assert exr[0] == 200 and exr[2][:4] == b"\x76\x2f\x31\x01"
     for query, parameter in (("size=0x5", "size"), ("size=5", "size"), ("rotate=x", "rotate"),
@@ -112,11 +129,16 @@ def pictures(d):
                            ("exposure=99", "picture.exposure_ev", -40, 40, "stops"),
                            ("camera=0,0,3:0,0,0:0,1,0:170", "picture.camera.fovy_deg", 0, 170, "degrees"),
                            ("rotate=1e9", "lights[0].rotate_deg", -1e6, 1e6, "degrees"),
-                           ("max_error=-1", "shade.max_error", 0, 1e9, None)):
+                           ("max_error=-1", "shade.max_error", 0, 1e9, None),
+                           *((("deadline_ms=" + wrong), "deadline_ms", 1, 3.6e6, None)
+                             for wrong in ("0", "0.9", "3600001", "1e9", "nan", "inf", "-5", "5x", ""))):
         problem, _ = d.problem(400, "GET", image + "?env=constant&" + query)
         assert [problem.get(k) for k in ("parameter", "minimum", "maximum", "unit")] == wanted, (query, problem)
     assert "/v1/openapi.json" in d.problem(400, "GET", image + "?env=constant&foo=1")[0]["hint"]
     assert "relight models" in d.problem(404, "GET", "/v1/models/nothing")[0]["hint"]
+    assert d.ask("GET", image + "?env=constant&size=32x32&deadline_ms=3600000")[0] == 200
+    for query, why in (("foo=1", "not known"), ("rotate=1&rotate=2", "given twice"), ("rotate=1&foo=1&foo=2", "not known")):
+        assert why in d.problem(400, "GET", image + "?env=constant&" + query)[0]["detail"], query
     d.problem(404, "GET", image + ".gif?env=constant")
     problem, _ = d.problem(400, "POST", image + "?env=constant", sky())
     assert problem["parameter"] == "env"
