@@ -18,6 +18,7 @@
 #include "bodies.h"
 #include "expect.h"
 #include "bake/run.h"
+#include "trace/triangle_grid.h"
 #include "prt/reference.h"
 #include "prt/relight.h"
 
@@ -174,6 +175,8 @@ static void rows_agree_with_the_reference(void **state)
                              error[c], every ? 0.02 : 0.03);
         }
     }
+    prt_horizon_destroy(b.horizon);
+    prt_triangle_grid_destroy(b.grid);
     prt_directions_destroy(b.directions);
     prt_scene_destroy(b.scene);
     free(want), free(got);
