@@ -60,7 +60,8 @@ struct sums {
     float *block, *tile; // [6 n n / 4][m], [6 n n / 16][m]
 };
 
-// Rows of squares from rows of 2 x 2 squares of half the width; `wide` of the latter across.
+// Sums the rows of each 2 x 2 squares; a face of `from` is `wide` squares across, of `out`
+// half.
 static void sum_squares(const float *from, uint32_t wide, uint32_t m, float *out)
 {
     for (uint32_t i = 0; i < FACES * wide * wide / 4; i++) {
@@ -71,11 +72,12 @@ static void sum_squares(const float *from, uint32_t wide, uint32_t m, float *out
     }
 }
 
-// The sums of the rows of each of a vertex's cells, in the order of the cells, which are tiles,
-// blocks or texels (single.c): out [n_cell][m].
+// Copies the sum of each of a vertex's cells to out [n_cell][m]. A cell is a tile, a block or a
+// texel (make_cells in single.c).
 static void gather_sums(const struct sums *s, const uint32_t *cell, float *out)
 {
     const uint32_t n = s->n, m = s->m, wide = n / 4;
+    const unsigned log_wide = (unsigned)__builtin_ctz(wide);
     const size_t bytes = (size_t)m * sizeof *out;
     for (uint32_t t = 0; t < FACES * wide * wide; t++) {
         const uint32_t first = t / wide * 4 * n + t % wide * 4;
@@ -85,7 +87,7 @@ static void gather_sums(const struct sums *s, const uint32_t *cell, float *out)
         }
         for (uint32_t j = 0; j < 4; j++) {
             const uint32_t at = first + (j >> 1) * 2 * n + (j & 1) * 2;
-            const uint32_t b = (t / wide * 2 + (j >> 1)) * 2 * wide + t % wide * 2 + (j & 1);
+            const uint32_t b = block_of(t, j, log_wide);
             if (cell[at] == cell[at + n + 1]) {
                 memcpy(out + (size_t)cell[at] * m, s->block + (size_t)b * m, bytes);
                 continue;
@@ -159,10 +161,12 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
 {
     struct bake *b = job->bake;
     const struct prt_cluster *cluster = &b->clusters->cluster[c];
-    struct cell_rows rows = {
-        b->ctx->cpu,           cluster->n_vertex,
-        job->n_function,       b->directions->n,
-        b->directions->n_coef, calloc(cluster->n_vertex, sizeof *rows.vertex)};
+    struct cell_rows rows = {.cpu = b->ctx->cpu,
+                             .n_vertex = cluster->n_vertex,
+                             .n_function = job->n_function,
+                             .n = b->directions->n,
+                             .n_coef = b->directions->n_coef,
+                             .vertex = calloc(cluster->n_vertex, sizeof *rows.vertex)};
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {
         struct single_cells cells;
