@@ -300,7 +300,7 @@ void prt_horizon_bins(struct horizon *h, uint32_t mask, const uint32_t triangle[
     const _Atomic uint64_t *at[16][3];
     uint32_t bin[16];
     *visible = *blocked = 0;
-    for (uint32_t m = mask; m; m &= m - 1) { // asks for the memory that will be read
+    for (uint32_t m = mask; m; m &= m - 1) { // prefetches what the second loop reads
         const uint32_t i = (uint32_t)__builtin_ctz(m), *corner = mesh->triangle[triangle[i]];
         bin[i] = bins[texel[i]];
         if (h->words != FINE_PAIRS) bin[i] = h->parent[bin[i]];

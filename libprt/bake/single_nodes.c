@@ -91,8 +91,9 @@ static uint32_t deciding(const struct single_plan *plan)
     return plan->n_eta / 2;
 }
 
-// Stores the lanes of `done` at every index, lane [n_eta], and queues shadow rays where the
-// horizon does not tell what is beyond the exit. leave: the lanes that have one.
+// Stores the exits of the lanes `done` at every index, lane [n_eta]. Where the horizon does not
+// know whether light reaches the exit, a shadow ray is queued. leave: the lanes that leave the
+// body.
 static void take_exits(struct queue *q, const struct batch *b, struct lanes *lane,
                        uint32_t done, uint32_t leave)
 {
@@ -140,7 +141,7 @@ static void flush_traced(struct queue *q)
     b->fill = 0;
 }
 
-// Lane i of a batch waits to be traced.
+// Queues lane i of a batch for tracing.
 static void trace_lane(struct queue *q, const struct batch *from, uint32_t i)
 {
     struct batch *b = &q->traced;

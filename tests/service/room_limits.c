@@ -125,7 +125,7 @@ static void refused_edits_hold_nothing(void **unused)
     name[sizeof name - 1] = 0;
     double disk = 0, memory = 0;
     for (int i = 0; i < 60; i++) {
-        // The first one drops what is packed for people who come.
+        // The first action frees the packed state that newcomers are sent.
         if (i == 1) disk = held("disk"), memory = room_memory();
         Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
         Relight__RoomRename rename = RELIGHT__ROOM_RENAME__INIT;
@@ -325,8 +325,8 @@ static void presence_has_a_bound(void **unused)
     end();
 }
 
-// Who sits in a room learns of everybody that left, also where more leave at once than the room
-// remembers: then it is told who is there.
+// A participant hears of everybody who leaves. When more leave at once than the room remembers,
+// it is sent the list of those who are there instead.
 static void a_crowd_leaves_at_once(void **unused)
 {
     enum { CROWD = 150 };

@@ -688,8 +688,8 @@ static int stop_at_once(void *user, const struct relight_progress *progress)
     return 1;
 }
 
-// Chunks are as long, and as many at once, as the server takes; an upload that the program
-// stops leaves the connection as it was.
+// An upload sends chunks of the size, and as many at once, as the server allows. After the
+// program stops an upload, the connection serves other requests.
 static void upload_limits(void **state)
 {
     static const struct {

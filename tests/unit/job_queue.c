@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The queue of bakes with a runner that the test plays: who runs, in which order, and what
-// becomes of jobs that wait, run or draft when they are cancelled, end or the daemon does.
+// The queue of bakes (jobs/jobs.h) with a fake runner: which jobs run, in which order, and how
+// jobs end that are queued, running or drafting when they are cancelled or the daemon stops.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -247,8 +247,8 @@ static void cancelled_jobs_end_as_cancelled(void **state)
     assert_int_equal(n_end, 4);
 }
 
-// The daemon's end suspends what is open: no job ends, and none begins. Where a bake was done,
-// or was to be cancelled, it ends so.
+// When the daemon stops, open jobs are suspended and none starts. A job whose bake has finished
+// ends as done, and one that was cancelled as cancelled.
 static void the_end_suspends(void **state)
 {
     server.options.bakes = 4;
