@@ -50,9 +50,9 @@ static int highest(const struct object_store *store, const char *id, unsigned *g
 static int read_text(const char *path, char text[200])
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0) return errno == ESTALE ? -ENOENT : -errno;
+    if (fd < 0) return object_stale(-errno) ? -ENOENT : -errno;
     ssize_t n = read(fd, text, 199);
-    int err = n >= 0 ? 0 : errno == ESTALE ? -ENOENT : -errno;
+    int err = n >= 0 ? 0 : object_stale(-errno) ? -ENOENT : -errno;
     close(fd);
     if (err) return err;
     text[n] = 0;
@@ -80,8 +80,9 @@ static int write_text(struct object_claim *claim, const char *note)
     snprintf(text, sizeof text, "%s %" PRIu64 " %.90s", claim->store->owner,
              atomic_fetch_add(&claim->store->last_count, 1) + 1, note);
     int n = snprintf(line, sizeof line, "%-198.198s\n", text);
-    if (pwrite(claim->fd, line, (size_t)n, 0) != n) return -errno;
-    return fdatasync(claim->fd) ? -errno : 0;
+    errno = EIO; // of a short write
+    if (pwrite(claim->fd, line, (size_t)n, 0) == n && !fdatasync(claim->fd)) return 0;
+    return object_stale(-errno) ? -ESTALE : -errno;
 }
 
 // Creates the file of this number, with its text, unless there is one.

@@ -50,12 +50,18 @@ bool object_refresh_folder(const char *folder)
     return fd >= 0;
 }
 
+bool object_stale(int err)
+{
+    return err == -ESTALE || err == -EBADF;
+}
+
 // Whether an operation on the path that ended so is worth another try: on NFS the file is stale
 // (STALE_TRIES), or only this machine still takes it for missing.
 static bool try_again(const char *path, int err, int tries)
 {
     char folder[PATH_MAX];
-    if (!(err == -ESTALE && tries < STALE_TRIES) && !(err == -ENOENT && !tries)) return false;
+    if (!(object_stale(err) && tries < STALE_TRIES) && !(err == -ENOENT && !tries))
+        return false;
     if (tries > 1) usleep(1000u << (tries < 8 ? tries - 2 : 6));
     snprintf(folder, sizeof folder, "%s", path);
     *strrchr(folder, '/') = 0;
@@ -63,7 +69,7 @@ static bool try_again(const char *path, int err, int tries)
     *above = 0;
     (void)object_refresh_folder(folder);
     *above = '/';
-    return object_refresh_folder(folder) || err == -ESTALE;
+    return object_refresh_folder(folder) || object_stale(err);
 }
 
 int object_sync_folder(const char *path)
@@ -375,9 +381,12 @@ int object_write(struct object_store *store, const char *id, const char *text)
     if (!err && fsync(fd)) err = -errno;
     if (close(fd) && !err) err = -errno;
     if (!err) {
-        int tries = 0; // on NFS the file that is replaced may be stale
+        // On NFS the file that is replaced may be stale. It may be missing for a moment, too: a
+        // machine that has it open moves it aside before it replaces it.
+        int tries = 0;
         do err = rename(temporary, path) ? -errno : 0;
-        while (try_again(path, err, tries++));
+        while (try_again(path, err == -ENOENT ? -ESTALE : err, tries++));
+        if (err == -ENOENT) err = missing(store);
     }
     if (err) unlink(temporary);
     return err ? err : object_sync_folder(path);

@@ -21,6 +21,9 @@ void object_temporary(struct object_store *store, char path[PATH_MAX]);
  * looked up before stands, for up to a minute, for the file that was there, or for none. False:
  * the folder is not there. */
 bool object_refresh_folder(const char *folder);
+/* On NFS: another machine has replaced or removed the file. ESTALE; EBADF where the server has
+ * dropped the state of the open file. */
+bool object_stale(int err);
 /* Syncs the folder that has this file. */
 int object_sync_folder(const char *path);
 
