@@ -141,7 +141,8 @@ static int export_text(struct room_call *c, char *text, const char *name)
     return status;
 }
 
-// "material-OBJECT"; with its number where the object's name is none for a file.
+// "material-OBJECT"; with "+" and its number where the object's name is none for a file: no
+// other name has a "+".
 static void name_of(char out[80], const char *object, int number)
 {
     int n = snprintf(out, 80, "material-%.60s", object);
@@ -149,7 +150,7 @@ static void name_of(char out[80], const char *object, int number)
     for (char *at = out; *at; at++)
         if (!strchr("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.", *at))
             *at = '_', plain = false;
-    if (!plain) snprintf(out + n, 80 - (size_t)n, "-%d", number);
+    if (!plain) snprintf(out + n, 80 - (size_t)n, "+%d", number);
 }
 
 int export_material(struct room_call *c, const cJSON *state)

@@ -286,14 +286,17 @@ h = json.load(open('export/history.json'))
 assert len(h) == r['sequence'] and [e['stamp']['sequence'] for e in h] == list(range(1, len(h) + 1))
 END
     # Media by object are exported each for itself.
-    # Two names of objects agree in the letters that fit into a file's name.
+    # Two names of objects agree in the letters that fit into a file's name; one is like another's
+    # with its number.
     long=$(printf 'L%.0s' $(seq 60))
     { echo 'o Ball 1'; cat small.obj; echo "o ${long}a"; awk '/^f/ { $2 += 6; $3 += 6; $4 += 6 } { print }' small.obj
-        echo "o ${long}b"; awk '/^f/ { $2 += 12; $3 += 12; $4 += 12 } { print }' small.obj; } >parts.obj
+        echo "o ${long}b"; awk '/^f/ { $2 += 12; $3 += 12; $4 += 12 } { print }' small.obj
+        echo 'o Ball_1-1'; awk '/^f/ { $2 += 18; $3 += 18; $4 += 18 } { print }' small.obj; } >parts.obj
     expect 0 load parts.obj --remote --size-mm 20 --material marble --preview
     expect 0 room create media --model parts --env constant --size 96x64
     own='{"name":"own","sigma_s_prime":[1,2,3],"sigma_a":[0.1,0.01,0.1],"g":0.2,"eta":1.35,"roughness":0.15}'
-    expect 0 room scene media --material 'Ball 1=skin1' --material "${long}a=$own" --material "${long}b=ketchup"
+    expect 0 room scene media --material 'Ball 1=skin1' --material "${long}a=$own" --material "${long}b=ketchup" \
+        --material Ball_1-1=wholemilk
     expect 0 room scene media --engine texture # the medium stays
     expect 0 room scene media --max-error 0.25 --budget-ms 900
     expect 0 room show media --json
@@ -303,10 +306,10 @@ END
     expect 0 room scene media --engine texture
     expect 0 room approve media
     expect 0 room export media -o media
-    for name in material material-Ball_1-1 "material-$long-2" "material-$long-3"; do
+    for name in material material-Ball_1+1 material-Ball_1-1 "material-$long+2" "material-$long+3"; do
         for kind in json gltf mtlx; do [ -s "media/$name.$kind" ] || fail "media/$name.$kind: $(ls media)"; done
     done
-    grep -q 'skin1' media/material-Ball_1-1.json && grep -q 'marble' media/material.json ||
+    grep -q 'skin1' media/material-Ball_1+1.json && grep -q 'marble' media/material.json ||
         fail "the media of objects: $(cat media/material*.json)"
     # Each of a medium's three files says the same of it.
     python3 - <<'END' || fail "an exported medium"
