@@ -509,12 +509,52 @@ static void twenty_materials(void **state)
     free(text);
 }
 
+// Law: a colour is in the space that its own element names, else the nearest element around it:
+// one of srgb_texture is decoded, one of lin_rec709 is taken as it is, one of acescg is turned
+// into Rec. 709, where white is white.
+static void colours_have_the_space_around_them(void **state)
+{
+    static const char grey[] = ".5,.5,.5";
+    static const struct {
+        const char *document, *shader, *input, *value;
+        double linear[3];
+    } all[] = {
+        {"srgb_texture", "", "", grey, {0.214041, 0.214041, 0.214041}},
+        {"srgb_texture", "lin_rec709", "", grey, {0.5, 0.5, 0.5}},
+        {"acescg", "srgb_texture", "", grey, {0.214041, 0.214041, 0.214041}},
+        {"srgb_texture", "acescg", "lin_rec709", grey, {0.5, 0.5, 0.5}},
+        {"acescg", "", "", grey, {0.5, 0.5, 0.5}},
+        {"lin_ap1", "", "", ".5,.4,.3", {0.57883, 0.38803, 0.28231}},
+    };
+    for (size_t k = 0; k < sizeof all / sizeof *all; k++) {
+        const char *space[3] = {all[k].document, all[k].shader, all[k].input};
+        char named[3][40] = {"", "", ""}, text[1024];
+        for (int i = 0; i < 3; i++)
+            if (*space[i]) snprintf(named[i], sizeof named[i], " colorspace=\"%s\"", space[i]);
+        snprintf(text, sizeof text,
+                 "<materialx version=\"1.39\"%s><open_pbr_surface name=\"s\" "
+                 "type=\"surfaceshader\"%s><input name=\"transmission_weight\" type=\"float\" "
+                 "value=\"1\"/><input name=\"transmission_depth\" type=\"float\" value=\"2\"/>"
+                 "<input name=\"transmission_color\" type=\"color3\" value=\".1,.1,.1\" "
+                 "colorspace=\"lin_rec709\"/><input name=\"transmission_scatter\" "
+                 "type=\"color3\" value=\"%s\"%s/></open_pbr_surface><surfacematerial "
+                 "name=\"m\" type=\"material\"><input name=\"surfaceshader\" "
+                 "type=\"surfaceshader\" nodename=\"s\"/></surfacematerial></materialx>",
+                 named[0], named[1], all[k].value, named[2]);
+        struct prt_import i = import(text, true);
+        for (int c = 0; c < 3; c++) // 2 is 20 mm
+            expect_near("sigma_s of a colour in its space, times the depth",
+                        20 * (double)i.material.sigma_s_prime[c], all[k].linear[c], 2e-5);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(half_spaces_return_their_albedo),
         cmocka_unit_test(transmissive_interiors),
         cmocka_unit_test(units_scale_lengths),
+        cmocka_unit_test(colours_have_the_space_around_them),
         cmocka_unit_test(scale_of_a_pbrt_medium),
         cmocka_unit_test(scale_of_a_pbrt_surface),
         cmocka_unit_test(counts_of_numbers),
