@@ -343,6 +343,34 @@ static void edges_are_antialiased(void **state)
     scene_finish(&s);
 }
 
+// A pixel on the line where two blocks meet has a point of each, weighted by its sub-samples,
+// however much alike the blocks are: their media differ.
+static void blocks_share_a_pixel(void **state)
+{
+    enum { SIDE = 64 };
+    struct scene s;
+    struct prt_gbuffer g;
+    scene_init(&s, 8, 4);
+    const float pixel = 2 * 50 * tanf(20 * (float)M_PI / 180) / SIDE, line = pixel / 2;
+    add_square(&s, 10, line - 10, 0, true);
+    add_square(&s, 10, line + 10, 0, true);
+    struct prt_camera c = front(50, 40);
+    struct prt_visibility *vis = see(&s, &c, SIDE, SIDE, 4);
+    prt_visibility_gbuffer(vis, &g);
+    unsigned n[2] = {0, 0};
+    for (uint32_t i = 0; i < g.n_point; i++) {
+        const uint32_t x = g.pixel[i] % SIDE, y = g.pixel[i] / SIDE;
+        if (y < 20 || y >= 44 || x < 24 || x >= 40) continue;
+        assert_float_equal(g.weight[i], x == SIDE / 2 ? 0.5 : 1, 0);
+        if (x != SIDE / 2) assert_int_equal(g.block[i], x > SIDE / 2);
+        if (x == SIDE / 2) n[g.block[i]]++;
+    }
+    assert_int_equal(n[0], 24);
+    assert_int_equal(n[1], 24);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
 // The share that a coarse ball reflects of an even sky, against a smooth one's: interpolated
 // normals that face away from the eye would reflect all of it at the silhouette, in lines of
 // bright or dark pixels.
@@ -1107,6 +1135,7 @@ int main(void)
         cmocka_unit_test(fresnel_at_normal_incidence),
         cmocka_unit_test(normals_that_cancel),
         cmocka_unit_test(refused_size_is_forgotten),
+        cmocka_unit_test(blocks_share_a_pixel),
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
         cmocka_unit_test(colours_keep_the_variance),
