@@ -38,7 +38,8 @@ static void some_cube(struct prt_cube *cube)
 
 enum { MANY = PRT_RELIGHT_MAX_LIGHTS };
 
-// Nine colours of one kind (a group and one), four of the planes behind them, and others.
+// Nine colours of one kind (a group and one), four of the planes behind them, and others, one
+// with another exit.
 static void ask_many(struct prt_cube cube[MANY], struct prt_query q[MANY], bool planes[MANY])
 {
     static const float eye[3] = {30, 80, 10};
@@ -48,7 +49,8 @@ static void ask_many(struct prt_cube cube[MANY], struct prt_query q[MANY], bool 
         q[i] = (struct prt_query){.light = &cube[i],
                                   .term =
                                       i < 13 ? PRT_ANSWER_TOTAL : (enum prt_answer_term)(i % 3),
-                                  .eye = i >= 12 ? eye : NULL};
+                                  .eye = i >= 12 ? eye : NULL,
+                                  .exit = i == 14 ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED};
         planes[i] = i >= 8 && i < 12;
     }
 }
