@@ -76,9 +76,52 @@ static void base_colours_scale_irradiance(void **state)
     model_finish(&model);
 }
 
+// Law: a translucent sheet under an opaque roof is dark where the light of a distant lamp meets
+// the roof first, however far the roof is from the sheet (METHODS §6): rays of a lamp begin
+// before all surface.
+static void a_roof_casts_its_shadow(void **state)
+{
+    struct model m;
+    struct stage s;
+    struct prt_material dense = marble;
+    const struct prt_camera aside = {.eye = {40, 0, 40}, .up = {0, 1, 0}, .fovy_deg = 30};
+    for (int c = 0; c < 3; c++) dense.sigma_s_prime[c] = 3, dense.sigma_a[c] = 1;
+    model_init(&m, 400, 800);
+    struct prt_block *b = begin_block(&m, true);
+    add_sheet(&m, (float[3]){0, 0, 0}, (float[3]){15, 0, 0}, (float[3]){0, 15, 0}, 10);
+    end_block(&m, b);
+    b = begin_block(&m, false);
+    add_sheet(&m, (float[3]){0, 0, 10}, (float[3]){4, 0, 0}, (float[3]){0, 4, 0}, 2);
+    end_block(&m, b);
+    stage_init(&s, &m, aside, 64, 64);
+    for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
+        const struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                   .n_sample =
+                                                       e == PRT_SCREEN_REFERENCE ? 20000 : 0};
+        pixels rgb = render(&s, &dense, NULL, &from_front, options, NULL);
+        double sum[2] = {0, 0};
+        unsigned n[2] = {0, 0};
+        for (uint32_t i = 0; i < s.g.n_point; i++) {
+            const float x = fabsf(s.g.position[0][i]), y = fabsf(s.g.position[1][i]);
+            const bool under = x < 2 && y < 2;
+            if (s.g.opaque[i] || (!under && x < 6 && y < 6) || x > 12 || y > 12) continue;
+            sum[under] += (double)rgb[i][1];
+            n[under]++;
+        }
+        assert_true(n[0] > 100 && n[1] > 10);
+        expect_below(expect_name("%s: light under a roof",
+                                 prt_screen_engine_name((enum prt_screen_engine)e)),
+                     sum[1] / n[1] / (sum[0] / n[0]), 9e-4);
+        free(rgb);
+    }
+    stage_finish(&s);
+    model_finish(&m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_roof_casts_its_shadow),
         cmocka_unit_test(radius_leaves_epsilon_outside),
         cmocka_unit_test(base_colours_scale_irradiance),
     };
