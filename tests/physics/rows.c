@@ -14,6 +14,7 @@
 
 #include "expect.h"
 #include "bake/stages.h"
+#include "bake/support.h"
 
 enum { N = 16, N_COEF = 6 * N * N, V = 48, J = 6, SPAN = 3, PROBES = 64 };
 
@@ -225,12 +226,49 @@ static void two_distances_stand_for_a_disc(void **state)
     }
 }
 
+// Law: a vertex has the mean of its six nearest supports by the weights ((R - d) / d)^2, R
+// being the distance of the seventh (Shepard): the sixth still has a part, the seventh has
+// none. At a support it has that one's value.
+static void supports_weigh_to_the_next(void **state)
+{
+    enum { SUPPORTS = 8, ALL = SUPPORTS + 1 };
+    float position[ALL][3] = {{0}}, normal[ALL][3], value[SUPPORTS][SUPPORTS] = {{0}},
+          out[ALL][SUPPORTS];
+    uint32_t vertex[SUPPORTS], cluster_of[SUPPORTS] = {0}, order[ALL], object = 0;
+    uint8_t translucent = 1;
+    double want[SUPPORTS] = {0}, sum = 0;
+    const double reach = 7;
+    for (uint32_t i = 0; i < ALL; i++) {
+        // at distances 1 to 8 from the last vertex, on both sides of it
+        position[i][0] = i < SUPPORTS ? i % 2 ? -1 - (float)i : 1 + (float)i : 0;
+        memcpy(normal[i], (float[3]){0, 1, 0}, sizeof normal[i]);
+        order[i] = i;
+    }
+    for (uint32_t i = 0; i < SUPPORTS; i++) {
+        vertex[i] = i;
+        value[i][i] = 1;
+        if (i < 6) sum += want[i] = pow((reach - i - 1) / (i + 1 + 1e-3 * reach), 2);
+    }
+    const struct prt_mesh mesh = {.n_vertex = ALL, .position = position, .normal = normal};
+    struct prt_cluster cluster = {.n_vertex = ALL};
+    struct clusters clusters = {1, &cluster, &object, &translucent, order};
+    const struct bake b = {.ctx = &context, .mesh = &mesh, .o.cube = 16, .clusters = &clusters};
+    const struct support s = {
+        .n = SUPPORTS, .vertex = vertex, .cluster = cluster_of, .light = SUPPORT_LIGHT};
+    assert_int_equal(prt_support_interpolate(&b, &s, 0, SUPPORTS, value[0], out[0]), PRT_OK);
+    for (uint32_t i = 0; i < SUPPORTS; i++) {
+        expect_near("weight of a support", (double)out[SUPPORTS][i], want[i] / sum, 1e-6);
+        expect_near("weight at the support itself", (double)out[i][i], 1, 1e-4);
+    }
+}
+
 int main(void)
 {
     prt_context_init(&context);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_keep_what_they_are_made_of),
         cmocka_unit_test(two_distances_stand_for_a_disc),
+        cmocka_unit_test(supports_weigh_to_the_next),
     };
     return run_physics_tests(tests, NULL, NULL);
 }
