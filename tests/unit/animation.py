@@ -107,6 +107,17 @@ def morph():
         near(got[0], [[x * (1 + weight) for x in p] for p in model.position], 'morph at %g' % time)
 
 
+def sizes():
+    """--size-mm is the size of the bind pose, also at a moment when the ball has twice that."""
+    model = animated.ball_that_grows()
+    model.write('grow.gltf')
+    low, high = zip(*((min(x), max(x)) for x in zip(*model.position)))
+    for name, scale in (('size', ('--size-mm', '20')), ('scale', ('--mm-per-unit', str(20 / math.dist(low, high))))):
+        prt('colors', 'grow.gltf', '--animation', 'grow', '--time', '1', '--material', 'marble', '--env', 'constant',
+            '--term', 'multiple', '--cube', '16', '--samples', '200', *scale, '-o', name + '.csv', '--quiet')
+    prt('compare', 'size.csv', 'scale.csv', '--max-rmse', '1e-5')
+
+
 def nested():
     """A mesh below three turning nodes, without a skin."""
     model = animated.carousel()
@@ -230,4 +241,4 @@ def damaged():
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
 
 
-main(bar, long_way, spline, morph, nested, names, weights_of, tool, damaged)
+main(bar, long_way, spline, morph, sizes, nested, names, weights_of, tool, damaged)
