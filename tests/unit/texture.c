@@ -5,6 +5,7 @@
 #include "prt/light.h"
 #include "prt/mesh.h"
 #include "prt/raster.h"
+#include "prt/surface.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -506,6 +507,29 @@ static void channels_of_numbers(void **state)
     prt_mesh_destroy(m);
 }
 
+// Maps are filtered over the spacing of the surface's samples, however large its triangles are:
+// where texels are far larger, samples have the tint of their own one.
+static void samples_look_over_their_spacing(void **state)
+{
+    const float no[2] = {0, 0}, up[3] = {0, 0, 1};
+    struct prt_context ctx = context();
+    struct prt_mesh *m =
+        load(&ctx, "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}");
+    struct prt_surface_points *s;
+    unsigned own = 0;
+    m->texture_split = 1;
+    assert_int_equal(prt_mesh_scale(&ctx, m, 0, 100), PRT_OK);
+    assert_int_equal(prt_surface_create(&ctx, m, 4000, 10, 1, &s), PRT_OK);
+    for (uint32_t i = 0; i < s->n_sample; i++) {
+        struct prt_look at;
+        prt_mesh_look(m, s->triangle[i], 0, s->inside[i][0], s->inside[i][1], no, no, up, &at);
+        own += fabsf(s->tint[i] - prt_mesh_tint(m, at.base)) < 1e-3f;
+    }
+    assert_true(own > s->n_sample / 10 * 9);
+    prt_surface_destroy(s);
+    prt_mesh_destroy(m);
+}
+
 // Inside of a material: numbers of the extensions, and none of those out of range.
 static void volumes_of_a_gltf(void **state)
 {
@@ -784,6 +808,7 @@ int main(void)
         cmocka_unit_test(maps_of_an_obj_material),
         cmocka_unit_test(normals_tilt_up),
         cmocka_unit_test(means_of_normals_stay_short),
+        cmocka_unit_test(samples_look_over_their_spacing),
         cmocka_unit_test(volumes_of_a_gltf),
         cmocka_unit_test(wrong_texture_records),
         cmocka_unit_test(data_uri_to_its_last_byte),
