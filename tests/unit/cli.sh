@@ -222,6 +222,15 @@ grep -q '"rmse":{"constant":.*,"constant:0.2,0.2,0.2":.*,"constant:0.5,0.5,0.5":
     fail "a light has no key of its own: $(cat out)"
 expect 0 '' "$prt" compare ball.prt reference --env constant --term multiple --samples 2000 --vertices 20 --json
 check grep -q '"count":20,' out
+# With --eye vertices that it does not see are left out: of an object behind another, and of a
+# triangle that faces away. A mean rank counts every vertex.
+printf '%s\n' 'o front' 'v -2 -2 1' 'v 2 -2 1' 'v 2 2 1' 'v -2 2 1' 'v 3 -1 1' 'v 5 -1 1' 'v 5 1 1' 'f 1 2 3' 'f 1 3 4' \
+    'f 7 6 5' 'o hidden' 'v -1 -1 0' 'v 1 -1 0' 'v 0 1 0' 'f 8 9 10' >hidden.obj
+expect 0 '' "$prt" bake hidden.obj $scaled $bake --no-single -o hidden.prt
+expect 0 '' "$prt" compare hidden.prt reference --env constant --term multiple --samples 500 --eye 0,0,5 --json
+check grep -q '"count":4,' out
+expect 0 '' "$prt" info hidden.prt --json
+check grep -Eq '"mean_rank":([0-9.]+),.*"cluster_rank":\{"min":[0-9]+,"mean":\1,' out
 expect 2 'leave --material out' "$prt" colors ball.prt --material skin1 --env constant -o x.csv
 expect 2 'baked for --engine wavelet' "$prt" colors ball.prt --engine joint --env constant -o x.csv
 expect 2 'carries its own scale' "$prt" colors ball.prt --size-mm 20 --env constant -o x.csv
