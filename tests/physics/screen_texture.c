@@ -143,6 +143,53 @@ static void short_mean_free_paths_stay_sharp(void **state)
     model_finish(&model);
 }
 
+// Law: texture sampling keeps the difference of the lit and the dark face of a fin as the sum
+// over all texels has it (METHODS §6, near field). Steep faces have more area about a point
+// than a plane, which would take more of a point's own irradiance away than its share.
+static void fins_shine_on_their_lit_side(void **state)
+{
+    struct model model;
+    struct stage s;
+    struct prt_material wax = {.sigma_s_prime = {0.3f, 0.4f, 0.6f},
+                               .sigma_a = {0.02f, 0.02f, 0.02f},
+                               .eta = 1.3f,
+                               .roughness = 0.3f};
+    const struct prt_camera camera = {.eye = {0, 0, 200}, .up = {0, 1, 0}, .fovy_deg = 9};
+    model_init(&model, 2000, 4000);
+    struct prt_block *block = begin_block(&model, true);
+    for (int k = -7; k < 7; k++)
+        add_sheet(&model, (float[3]){2 * (float)k + 1, 0, 0},
+                  (float[3]){1, 0, k % 2 ? 3.75f : -3.75f}, (float[3]){0, 10, 0}, 4);
+    end_block(&model, block);
+    stage_init(&s, &model, camera, 96, 96);
+    float(*e)[3] = calloc(model.mesh.n_vertex, sizeof *e);
+    for (uint32_t v = 0; v < model.mesh.n_vertex; v++)
+        for (int c = 0; c < 3; c++) e[v][c] = model.mesh.normal[v][0] > 0;
+    double ratio[2][3];
+    for (int reference = 0; reference < 2; reference++) {
+        const struct prt_screen_options options = {.engine = reference ? PRT_SCREEN_REFERENCE
+                                                                       : PRT_SCREEN_TEXTURE,
+                                                   .n_sample = reference ? 40000 : 800,
+                                                   .vertex_irradiance = (const float(*)[3])e};
+        pixels b = render(&s, &wax, NULL, &from_front, options, NULL);
+        double sum[2][3] = {{0}};
+        unsigned n[2] = {0, 0};
+        for (uint32_t i = 0; i < s.g.n_point; i++) {
+            const bool lit = s.g.normal[0][i] > 0;
+            if (fabsf(s.g.position[0][i]) > 8 || fabsf(s.g.position[1][i]) > 5) continue;
+            for (int c = 0; c < 3; c++) sum[lit][c] += (double)b[i][c];
+            n[lit]++;
+        }
+        for (int c = 0; c < 3; c++) ratio[reference][c] = sum[1][c] / n[1] * n[0] / sum[0][c];
+        free(b);
+    }
+    for (int c = 0; c < 3; c++)
+        expect_near("lit over dark face", ratio[0][c], ratio[1][c], 0.035);
+    free(e);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 // uv that unfold a sphere, one to one for fold 0; other values of fold make them degenerate.
 static void add_uv(struct model *m, uint32_t n, int fold)
 {
@@ -329,6 +376,7 @@ int main(void)
         cmocka_unit_test(split_weights),
         cmocka_unit_test(split_parts_add_up),
         cmocka_unit_test(short_mean_free_paths_stay_sharp),
+        cmocka_unit_test(fins_shine_on_their_lit_side),
         cmocka_unit_test(uv_are_the_atlas),
         cmocka_unit_test(uv_are_tried_again),
         cmocka_unit_test(pattern_is_the_near_part),
