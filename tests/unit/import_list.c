@@ -145,6 +145,53 @@ static void test_files_of_a_load_are_used(void **state)
     assert_int_equal(copy.refs, 1);
 }
 
+// A model.json has at most 64 KiB.
+static void test_largest_settings(void **state)
+{
+    enum { MOST = 64 << 10 };
+    for (size_t n = MOST; n <= MOST + 1; n++) {
+        struct import_list list;
+        bool found = false;
+        char *text = calloc(1, n + 1);
+        assert_non_null(text);
+        memset(text, ' ', n);
+        memcpy(text, "{}", 2);
+        put_text("large/1/model.json", text);
+        put_text("large/1/o.obj", "v 0 0 0\n");
+        list_known(&list, "a.prt");
+        for (size_t i = 0; i < list.n; i++) {
+            const struct import_entry *e = &list.entry[i];
+            if (!e->version || strcmp(e->version, "large/1")) continue;
+            found = true;
+            assert_int_equal(e->fault[0] == 0, n == MOST);
+            if (n == MOST) assert_string_equal(e->settings, text);
+        }
+        assert_true(found);
+        import_list_finish(&list);
+        free(text);
+    }
+}
+
+// Of a file's name only printable characters of UTF-8 are shown as they are; other bytes come
+// as their numbers, and the name ends before one that has no room.
+static void test_printable_names(void **state)
+{
+    static const char *const names[][2] = {
+        {"\xc3\xa4 \xe2\x82\xac \xf0\x9f\x8e\xb1", "\xc3\xa4 \xe2\x82\xac \xf0\x9f\x8e\xb1"},
+        {"a\tb\x7f", "a\\x09b\\x7f"},
+        {"\xc2\x80\xc2\x9f\xc2\xa0", "\\xc2\\x80\\xc2\\x9f\xc2\xa0"}, // C1 controls
+        {"\xc0\xaf\xe0\x9f\xbf", "\\xc0\\xaf\\xe0\\x9f\\xbf"},        // overlong
+        {"\xed\xa0\x80\xf4\x90\x80\x80", "\\xed\\xa0\\x80\\xf4\\x90\\x80\\x80"},
+        {"\xe2\x82", "\\xe2\\x82"}};
+    char out[64];
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        name_printable(names[i][0], out, sizeof out);
+        assert_string_equal(out, names[i][1]);
+    }
+    name_printable("abcdefgh", out, 8);
+    assert_string_equal(out, "abc");
+}
+
 static int setup(void **state)
 {
     return mkdtemp(folder) ? 0 : -1;
@@ -164,6 +211,8 @@ int main(void)
         cmocka_unit_test(test_names_in_a_gltf),
         cmocka_unit_test(test_names_take_linear_time),
         cmocka_unit_test(test_files_of_a_load_are_used),
+        cmocka_unit_test(test_largest_settings),
+        cmocka_unit_test(test_printable_names),
     };
     return cmocka_run_group_tests_name("import_list", tests, setup, teardown);
 }
