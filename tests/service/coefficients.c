@@ -418,29 +418,32 @@ static void fewer_rows(void **state)
     relight_factors_finish(&few);
 }
 
-// U that is fetched in two parts has the numbers of the whole.
+// U that is fetched in two or three parts has the numbers of the whole.
 static void factors_in_parts(void **state)
 {
     struct frames *f = frames_open(&d);
-    uint64_t bytes[3];
-    for (unsigned i = 0; i < 3; i++) {
+    static const uint32_t part[][2] = {{0, 0}, {0, 8}, {8, 0}, {8, 8}, {16, 0}}; // first, most
+    enum { N_PART = sizeof part / sizeof *part };
+    uint64_t bytes[N_PART];
+    for (unsigned i = 0; i < N_PART; i++) {
         Relight__FactorsRequest m = RELIGHT__FACTORS_REQUEST__INIT;
         struct frames_answer a;
         ProtobufCMessage *message = NULL;
         m.model = "even.prt";
-        m.first = i == 2 ? 8 : 0;
-        m.most_rank = i == 1 ? 8 : 0;
+        m.first = part[i][0];
+        m.most_rank = part[i][1];
         frames_add(f, RELIGHT_TYPE_FACTORS, 50 + i, &m.base, NULL, 0);
         frames_send(f);
         assert_true(frames_next(f, &a, 20000, &message));
         assert_int_equal(a.type, RELIGHT_TYPE_FACTORS | RELIGHT_TYPE_ANSWER);
         const Relight__FactorsAnswer *answer = (Relight__FactorsAnswer *)message;
         bytes[i] = answer->tensors[0]->u_bytes;
-        assert_int_equal(answer->tensors[0]->order_offset > 0, i < 2);
+        assert_int_equal(answer->tensors[0]->order_offset > 0, !m.first);
         protobuf_c_message_free_unpacked(message, NULL);
     }
-    assert_true(bytes[1] && bytes[2]);
+    assert_true(bytes[1] && bytes[3] && bytes[4]);
     assert_int_equal(bytes[0], bytes[1] + bytes[2]);
+    assert_int_equal(bytes[2], bytes[3] + bytes[4]);
     frames_close(f);
 }
 

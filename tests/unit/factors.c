@@ -6,6 +6,8 @@
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include <math.h>
+
 #include "internal.h"
 #include "prt/transport.h"
 
@@ -44,8 +46,32 @@ static void most_tensors(void **state)
     }
 }
 
+// Contract of relight_colors: coefficients whose scale is no finite number are refused, of any
+// plane.
+static void scales_are_finite(void **state)
+{
+    static const float scales[][2] = {{1, 2}, {1, NAN}, {INFINITY, 2}, {1, -INFINITY}};
+    for (unsigned i = 0; i < sizeof scales / sizeof *scales; i++) {
+        Relight__CoefficientLayer layer = RELIGHT__COEFFICIENT_LAYER__INIT,
+                                  *layers[] = {&layer};
+        Relight__Coefficients coefficients = RELIGHT__COEFFICIENTS__INIT;
+        Relight__ColorsAnswer colors = RELIGHT__COLORS_ANSWER__INIT;
+        Relight__Outgoing outgoing = RELIGHT__OUTGOING__INIT, *outgoings[] = {&outgoing};
+        struct relight_colors c = {.n_plane = 2};
+        float scale[2] = {scales[i][0], scales[i][1]};
+        layer.n_phase = 1;
+        layer.n_scales = 2, layer.scales = scale;
+        coefficients.n_layers = 1, coefficients.layers = layers;
+        coefficients.n_outgoing = 1, coefficients.outgoing = outgoings;
+        colors.n_plane = 2;
+        colors.coefficients = &coefficients;
+        assert_int_equal(relight_get_coefficients(&colors, &c), i == 0);
+    }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(most_tensors)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(most_tensors),
+                                       cmocka_unit_test(scales_are_finite)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
