@@ -120,6 +120,35 @@ static void drawn_poses_stay(void **state)
     ledger_destroy(server.ledger);
 }
 
+// A client that is full of poses gives way to itself, though another has the oldest pose.
+static void poses_of_others_stay(void **state)
+{
+    struct server server = {.options = {.client_poses = 3 * EACH, .poses = 10 * EACH}};
+    struct model model = {.server = &server, .key = "model"};
+    struct poses *poses;
+    struct pose *found;
+    char error[256], name[65];
+    assert_non_null(server.ledger = ledger_create(&server.options));
+    assert_int_equal(cache_create(1 << 20, &server.cache), 0);
+    assert_int_equal(poses_create(&server, &poses), 0);
+    struct principal *ann = ledger_principal(server.ledger, "ann");
+    struct principal *bob = ledger_principal(server.ledger, "bob");
+    for (unsigned i = 0; i < 6; i++) {
+        struct principal *owner = i ? bob : ann;
+        assert_int_equal(poses_add(poses, &model, make_pose(i), owner, &found, error), 0);
+        pose_release(found);
+    }
+    for (unsigned i = 0; i < 6; i++) {
+        snprintf(name, sizeof name, "%064x", i);
+        assert_int_equal(poses_known(poses, name) != NULL, i == 0 || i > 2);
+    }
+    poses_destroy(poses);
+    principal_release(ann);
+    principal_release(bob);
+    cache_destroy(server.cache);
+    ledger_destroy(server.ledger);
+}
+
 // A pose of one vertex holds some hundred bytes more: they are charged.
 static void tiny_poses_cost_their_records(void **state)
 {
@@ -131,6 +160,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(many_tiny_poses),
                                        cmocka_unit_test(drawn_poses_stay),
+                                       cmocka_unit_test(poses_of_others_stay),
                                        cmocka_unit_test(tiny_poses_cost_their_records)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

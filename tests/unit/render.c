@@ -338,6 +338,33 @@ static void pictures_have_their_options(void **state)
     }
 }
 
+// A mean is of one engine's pictures: it begins anew with another's.
+static void a_mean_is_of_one_engine(void **state)
+{
+    struct refinement *r = refinement_create();
+    struct screen_radiance *a = calloc(1, sizeof *a + sizeof *a->rgb);
+    assert_true(r && a);
+    a->n_point = 1;
+    for (int i = 0; i < 5; i++) {
+        const bool second = i >= 3;
+        a->report.engine = second ? PRT_SCREEN_TANGENT : PRT_SCREEN_SPLAT;
+        a->report.n_asked = second ? 50 : 7;
+        a->report.expected_error = second ? .02 : .25;
+        for (int c = 0; c < 3; c++) a->rgb[0][c] = second ? 5 : 1;
+        assert_int_equal(refinement_add(r, a), 0);
+        assert_int_equal(r->n_frame, i + 1);
+        assert_int_equal(r->n_mean, second ? i - 2 : i + 1);
+        assert_int_equal(r->engine, a->report.engine);
+        assert_int_equal(r->n_sample, a->report.n_asked);
+        assert_true(r->expected_error == a->report.expected_error);
+        for (int c = 0; c < 3; c++) assert_true(r->mean[0][c] == a->rgb[0][c]);
+    }
+    a->n_point = 2; // of another picture
+    assert_int_equal(refinement_add(r, a), PRT_INTERNAL);
+    refinement_release(r);
+    free(a);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -348,6 +375,7 @@ int main(void)
         cmocka_unit_test(keys_of_media),
         cmocka_unit_test(frames_fit_the_picture),
         cmocka_unit_test(pictures_have_their_options),
+        cmocka_unit_test(a_mean_is_of_one_engine),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
