@@ -166,8 +166,8 @@ static void test_errors_do_not_tell_the_folder(void **state)
     struct relight_error error;
     snprintf(path, sizeof path, "%s/prt", d.folder);
     snprintf(text, sizeof text,
-             "#!/bin/sh\ncase $* in bake*) echo \"error: %s/odd.obj: it is odd\" >&2; exit 1;; "
-             "esac\nexec %s/prt \"$@\"\n",
+             "#!/bin/sh\ncase $* in bake*) echo \"error: %s/odd.obj: it is odd\" >&2; "
+             "echo note: by the way >&2; exit 1;; esac\nexec %s/prt \"$@\"\n",
              d.models, PRT_BINARY_DIR);
     write_text(path, text);
     chmod(path, 0700);
@@ -322,6 +322,59 @@ static void test_decoders_share_a_memory(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A file has no more memory than all files together: one is decoded at a time.
+static void test_one_decoder_has_all_memory(void **state)
+{
+    static const char *const extra[] = {"--decode-memory", "8G", "--decode-total", "1G", NULL};
+    char path[160], model[ID_SIZE], env[80];
+    struct relight_error error;
+    struct relight_colors colors;
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    bake_small(client, &d, model);
+    snprintf(path, sizeof path, "%s/flat.png", d.folder);
+    write_flat_png(path, 64, 32, 50);
+    upload(client, path, env);
+    struct relight_light light = {.env = env};
+    struct relight_colors_request request = {.model = model, .n_light = 1, .lights = &light};
+    OK(relight_colors(client, &request, &colors, &error));
+    relight_colors_finish(&colors);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// The finished work that a bake keeps has no more room than --disk leaves.
+static void test_a_checkpoint_has_what_the_disk_leaves(void **state)
+{
+    enum { LEFT = 200 << 20 };
+    static const char word[] = "--checkpoint-room=";
+    char path[160], said[160], text[600];
+    const char *const own[] = {"--prt", path, "--disk", "200M", NULL};
+    struct relight_loaded loaded;
+    struct relight_error error;
+    snprintf(path, sizeof path, "%s/prt", d.folder);
+    snprintf(said, sizeof said, "%s/said", d.folder);
+    snprintf(text, sizeof text,
+             "#!/bin/sh\ncase $* in bake*) echo \"$*\" >>%s; exit 1;; esac\n"
+             "exec %s/prt \"$@\"\n",
+             said, PRT_BINARY_DIR);
+    write_text(path, text);
+    chmod(path, 0700);
+    unlink(said);
+    daemon_start(&d, own);
+    struct relight_client *client = client_open(d.address);
+    OK(load_small(client, &d, "room.obj", 3, 200, &loaded, &error));
+    assert_int_equal(relight_watch(client, loaded.job, NULL, NULL, &error),
+                     -RELIGHT_E_JOB_FAILED);
+    char *commands = read_text(said), *room = strstr(commands, word);
+    assert_non_null(room);
+    assert_in_range(strtoull(room + strlen(word), NULL, 10), LEFT / 2, LEFT - 1);
+    free(commands);
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // The library's bounds, in its words.
 static void test_settings_have_one_bound(void **state)
 {
@@ -354,6 +407,8 @@ int main(void)
         TEST(test_errors_do_not_tell_the_folder),
         TEST(test_an_image_above_the_cache_is_not_decoded),
         TEST(test_decoders_share_a_memory),
+        TEST(test_one_decoder_has_all_memory),
+        TEST(test_a_checkpoint_has_what_the_disk_leaves),
         TEST(test_settings_have_one_bound),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
