@@ -439,6 +439,30 @@ static void test_full_says_busy(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// Clients of HTTP that ask nothing have a limit, beside --connections.
+static void test_plain_clients_are_bounded(void **state)
+{
+    enum { CONNECTIONS = 4, BESIDE = 128, MORE = 20, N = CONNECTIONS + BESIDE + MORE };
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--connections", "4", "--handshake",
+                                 "60",     NULL};
+    int fd[N];
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    for (int i = 0; i < N; i++) {
+        fd[i] = tcp_connect("127.0.0.1", port_of(d.http));
+        assert_true(fd[i] >= 0);
+    }
+    double refused = 0;
+    for (int i = 0; i < 500 && refused < MORE; i++) {
+        sleep_ms(20);
+        refused = metric(client, "relightd_connections_refused_total");
+    }
+    assert_in_range((int)refused, MORE, MORE + 2); // the daemon's own sockets count
+    for (int i = 0; i < N; i++) close(fd[i]);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // ---- time limits
 
 static void test_no_hello(void **state)
@@ -843,6 +867,7 @@ int main(void)
         cmocka_unit_test_teardown(test_upgrades, after_each),
         cmocka_unit_test_teardown(test_bodies, after_each),
         cmocka_unit_test_teardown(test_full_says_busy, after_each),
+        cmocka_unit_test_teardown(test_plain_clients_are_bounded, after_each),
         cmocka_unit_test_teardown(test_no_hello, after_each),
         cmocka_unit_test_teardown(test_reader_that_stops, after_each),
         cmocka_unit_test_teardown(test_websocket_header_in_time, after_each),

@@ -93,6 +93,12 @@ static void test_check(void **state)
     CHECK(2, "check.conf:2: accept-anyone", "--config", config);
     write_text(config, "accept-anyone = yes\nlisten = tcp:0.0.0.0:0\n");
     CHECK(0, "fine", "--config", config);
+    static const char cut[] = "accept-anyone = yes\0\nlog = trace\n";
+    FILE *file = fopen(config, "w");
+    assert_non_null(file);
+    assert_int_equal(fwrite(cut, 1, sizeof cut - 1, file), sizeof cut - 1);
+    assert_int_equal(fclose(file), 0);
+    CHECK(2, "zero byte", "--config", config);
     // A start refuses what --check refuses.
     char text[4096];
     const char *const start[] = {"--data",          own, "--models", data, "--listen",

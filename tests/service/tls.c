@@ -434,6 +434,30 @@ static void test_answers_too_late(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+static int served_chain(const char *name)
+{
+    struct secure s;
+    assert_true(secure_open(&s, name, 0));
+    int n = sk_X509_num(SSL_get_peer_cert_chain(s.ssl));
+    secure_close(&s);
+    return n;
+}
+
+// The certificates that follow the daemon's own in its file, those of its signers, come with it
+// on both carriers.
+static void test_chain_is_served(void **state)
+{
+    char *chain = read_text(cert), *signer = read_text(other_cert), text[8192];
+    snprintf(text, sizeof text, "%s%s", chain, signer);
+    write_text(cert, text);
+    free(chain);
+    free(signer);
+    start(NULL);
+    assert_int_equal(served_chain(d.tcp), 2);
+    assert_int_equal(served_chain(d.http), 2);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // SIGHUP serves the new certificate to new connections; open ones stay. A faulty one changes
 // nothing.
 static void test_reload(void **state)
@@ -552,6 +576,7 @@ int main(void)
         CASE(test_large_answers),
         CASE(test_answers_too_late),
         CASE(test_reload),
+        CASE(test_chain_is_served),
         CASE(test_slow_handshake),
         CASE(test_old_versions),
         CASE(test_plain_loopback),
