@@ -407,6 +407,33 @@ static void test_turns_are_charged(void **state)
     end_client(client);
 }
 
+// The workers' memory for colours that are encoded counts while a pass runs, and not longer.
+static void test_scratch_is_given_back(void **state)
+{
+    enum { N = 8, ROUNDS = 3 };
+    struct relight_client *client = begin_client(NULL);
+    struct relight_error error;
+    char model[ID_SIZE], env[40];
+    double left[ROUNDS];
+    bake_small(client, &d, model);
+    for (int round = 0; round < ROUNDS; round++) {
+        for (int i = 0; i < N; i++) {
+            snprintf(env, sizeof env, "constant:1,%d,2", 1 + i);
+            struct relight_light light = {.env = env};
+            struct relight_colors_request r = {
+                .model = model, .n_light = 1, .lights = &light, .format = RELIGHT_COLOR_RGB9E5};
+            struct relight_colors colors;
+            OK(relight_colors(client, &r, &colors, &error));
+            relight_colors_finish(&colors);
+        }
+        OK(relight_unload(client, model, false, NULL, &error)); // and its colours
+        left[round] = metric(client, "relightd_cache_bytes");
+    }
+    print_message("cache: %g, %g and %g bytes\n", left[0], left[1], left[2]);
+    assert_true(left[2] == left[1]);
+    end_client(client);
+}
+
 // An environment that is filtered for reflection counts towards --cache.
 static void test_reflections_are_charged(void **state)
 {
@@ -449,6 +476,7 @@ int main(void)
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
         cmocka_unit_test_teardown(test_passes_within_the_cache, teardown),
         cmocka_unit_test_teardown(test_turns_are_charged, teardown),
+        cmocka_unit_test_teardown(test_scratch_is_given_back, teardown),
         cmocka_unit_test_teardown(test_reflections_are_charged, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1014,6 +1014,33 @@ static void test_longest_unused_bake_goes(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// Opening a bake is a use of it that a restart knows of: the one that was opened stays, though
+// its file is the older one.
+static void test_opening_is_a_use(void **state)
+{
+    static const char *const id[] = {"aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
+                                     "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"};
+    struct relight_error error;
+    struct relight_model info;
+    char room[24];
+    data_folders();
+    catalogue(id[0], id[0], 5000);
+    catalogue(id[1], id[1], 500);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    ask_red(client, id[0], 1);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    snprintf(room, sizeof room, "%lld", (long long)baked_bytes * 3 / 2);
+    const char *const extra[] = {"--bakes-disk", room, NULL};
+    daemon_start(&d, extra);
+    client = client_open(d.address);
+    expect(relight_info(client, id[1], &info, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    assert_known(client, id[0]);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // A bake that is open stays, though a closed one was used later: closing it would cost whoever
 // works with it a new opening.
 static void test_open_bake_stays(void **state)
@@ -1075,6 +1102,7 @@ int main(void)
         TEST(test_own_preview_goes),
         TEST(test_greedy_uploads_are_refused),
         TEST(test_longest_unused_bake_goes),
+        TEST(test_opening_is_a_use),
         TEST(test_open_bake_stays),
     };
     signal(SIGPIPE, SIG_IGN);
