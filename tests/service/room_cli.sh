@@ -304,8 +304,9 @@ END
     says "\"max_error\":0.25"
     says "\"materials\":\[{"
     expect 0 room scene media --engine texture
-    expect 0 room approve media
+    expect 0 room approve media '@SUM(1)'
     expect 0 room export media -o media
+    grep -q "\"'@SUM(1)\"" media/decisions.csv || fail "a formula in decisions.csv: $(cat media/decisions.csv)"
     for name in material material-Ball_1+1 material-Ball_1-1 "material-$long+2" "material-$long+3"; do
         for kind in json gltf mtlx; do [ -s "media/$name.$kind" ] || fail "media/$name.$kind: $(ls media)"; done
     done

@@ -54,12 +54,15 @@ def check():
     # no row is like its neighbour, so that a wrong row or filter is seen
     rows = [[((x * 7 + y * y * 3) % 256, (x * y * 5) % 256, (255 - x * 6 + y) % 256) for x in range(WIDTH)]
             for y in range(HEIGHT)]
-    glb('t.glb', [png(WIDTH, HEIGHT, rows)], {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}})
+    glb('t.glb', [png(WIDTH, HEIGHT, rows)], {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}},
+        sampler={'wrapS': 33071, 'wrapT': 33648})
     with daemon('--data', 'data', '--models', '.'):
         relight('load', 't.glb', '--name', 't', '--mm-per-unit', '1000', '--material', 'marble', '--preview')
         with package.Client('unix:socket') as client:
-            listed = client._call('GEOMETRY', message('GeometryRequest', model='t', textures=True)).message.images
+            answer = client._call('GEOMETRY', message('GeometryRequest', model='t', textures=True)).message
+            listed, used = answer.images, answer.surfaces[0].base_map
             expect(len(listed) == 1, '%d images' % len(listed))
+            expect((used.wrap_u, used.wrap_v) == (1, 2), 'wrapping of u %d, of v %d' % (used.wrap_u, used.wrap_v))
             ask = {'model': 't', 'image': listed[0].hash}
             raw = client._call('GEOMETRY', message('GeometryRequest', **ask))
             for again in range(2):  # the second answer is from the cache
@@ -113,8 +116,11 @@ def uploads_images():
         f.write(png(3, 3, [[(1, 2, 3)] * 3] * 3))
     split('t.glb', 'model', 'maps/skin%20%26%20all.png', 'maps/skin & all.png', 'DATA:image/png;base64,AAAA',
           '../secret.png', '%2e%2e/secret.png', os.path.abspath('secret.png'), 'link.png', 'http://host/a.png',
-          'missing.png', 'maps', 'maps//skin & all.png')
+          'missing.png', 'maps', 'maps//skin & all.png', 'sibling.png')
     os.symlink('../secret.png', 'model/link.png')
+    os.mkdir('models')  # whose name begins with that of the model's folder
+    os.link('secret.png', 'models/secret.png')
+    os.symlink('../models/secret.png', 'model/sibling.png')
     split('t.glb', 'bare', '../secret.png')
     own = ['--mm-per-unit', '1000', '--material', 'marble', '--preview']
     picture = ['--env', 'constant', '--size', '64x64', '--engine', 'tangent']

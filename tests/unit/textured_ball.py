@@ -33,8 +33,8 @@ def ball(rings=12, n=24):
     return at, uv, tri
 
 
-def glb(path, images, material, opaque=False):
-    """A ball of radius 10 mm, and with `opaque` a second one beside it of material 1."""
+def glb(path, images, material, opaque=False, sampler=None):
+    """A ball of radius 10 mm, and with `opaque` a second one beside it of material 1. sampler: glTF's, of all images."""
     at, uv, tri = ball()
     bin_, views = b'', []
     for part in (b''.join(struct.pack('<3f', *p) for p in at),
@@ -53,7 +53,8 @@ def glb(path, images, material, opaque=False):
         'materials': [material, dict(material, name='second')],
         'images': [{'bufferView': 3 + i, 'mimeType': 'image/png', 'name': 'picture%d' % i}
                    for i in range(len(images))],
-        'textures': [{'source': i} for i in range(len(images))],
+        'samplers': [sampler or {}],
+        'textures': [{'source': i, 'sampler': 0} for i in range(len(images))],
         'accessors': [
             {'bufferView': 0, 'componentType': 5126, 'count': len(at), 'type': 'VEC3',
              'min': [-1, -1, -1], 'max': [1, 1, 1]},
