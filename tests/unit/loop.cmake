@@ -1,0 +1,1 @@
+prt_test(loop SOURCES unit/loop.c LIBS relightd_rooms LABELS unit TIMEOUT 60)
