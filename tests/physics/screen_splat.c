@@ -76,9 +76,8 @@ static void base_colours_scale_irradiance(void **state)
     model_finish(&model);
 }
 
-// Law: a translucent sheet under an opaque roof is dark where the light of a distant lamp meets
-// the roof first, however far the roof is from the sheet (METHODS §6): rays of a lamp begin
-// before all surface.
+// Law: a translucent sheet is dark where an opaque roof over it blocks a distant lamp, however
+// far the roof is from the sheet (METHODS §6): the lamp's rays start outside all surface.
 static void a_roof_casts_its_shadow(void **state)
 {
     struct model m;

@@ -156,21 +156,29 @@ static void test_crashes_are_counted(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// Makes a prt in the test's folder that runs these commands of the shell in place of a bake.
+static void write_prt(char path[160], const char *commands)
+{
+    char text[800];
+    snprintf(path, 160, "%s/prt", d.folder);
+    snprintf(text, sizeof text, "#!/bin/sh\ncase $* in bake*) %s;; esac\nexec %s/prt \"$@\"\n",
+             commands, PRT_BINARY_DIR);
+    write_text(path, text);
+    chmod(path, 0700);
+}
+
 // The error of a bake names a file of --models as its users do, without the folder's path.
 static void test_errors_do_not_tell_the_folder(void **state)
 {
-    char path[160], text[600];
+    char path[160], text[400];
     const char *const own[] = {"--prt", path, NULL};
     struct relight_load load = small_bake(1, 200);
     struct relight_loaded loaded;
     struct relight_error error;
-    snprintf(path, sizeof path, "%s/prt", d.folder);
     snprintf(text, sizeof text,
-             "#!/bin/sh\ncase $* in bake*) echo \"error: %s/odd.obj: it is odd\" >&2; "
-             "echo note: by the way >&2; exit 1;; esac\nexec %s/prt \"$@\"\n",
-             d.models, PRT_BINARY_DIR);
-    write_text(path, text);
-    chmod(path, 0700);
+             "echo \"error: %s/odd.obj: it is odd\" >&2; echo note: by the way >&2; exit 1",
+             d.models);
+    write_prt(path, text);
     snprintf(text, sizeof text, "%s/odd.obj", d.models);
     write_text(text, octahedron);
     daemon_start(&d, own);
@@ -343,23 +351,18 @@ static void test_one_decoder_has_all_memory(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// The finished work that a bake keeps has no more room than --disk leaves.
+// A bake's checkpoint gets at most the room that --disk leaves.
 static void test_a_checkpoint_has_what_the_disk_leaves(void **state)
 {
     enum { LEFT = 200 << 20 };
     static const char word[] = "--checkpoint-room=";
-    char path[160], said[160], text[600];
+    char path[160], said[160], text[300];
     const char *const own[] = {"--prt", path, "--disk", "200M", NULL};
     struct relight_loaded loaded;
     struct relight_error error;
-    snprintf(path, sizeof path, "%s/prt", d.folder);
     snprintf(said, sizeof said, "%s/said", d.folder);
-    snprintf(text, sizeof text,
-             "#!/bin/sh\ncase $* in bake*) echo \"$*\" >>%s; exit 1;; esac\n"
-             "exec %s/prt \"$@\"\n",
-             said, PRT_BINARY_DIR);
-    write_text(path, text);
-    chmod(path, 0700);
+    snprintf(text, sizeof text, "echo \"$*\" >>%s; exit 1", said);
+    write_prt(path, text);
     unlink(said);
     daemon_start(&d, own);
     struct relight_client *client = client_open(d.address);

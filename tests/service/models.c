@@ -1014,7 +1014,7 @@ static void test_longest_unused_bake_goes(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// Opening a bake is a use of it that a restart knows of: the one that was opened stays, though
+// Opening a bake counts as a use, also after a restart: the bake that was opened stays, though
 // its file is the older one.
 static void test_opening_is_a_use(void **state)
 {

@@ -325,8 +325,8 @@ static void presence_has_a_bound(void **unused)
     end();
 }
 
-// A participant hears of everybody who leaves. When more leave at once than the room remembers,
-// it is sent the list of those who are there instead.
+// A participant is told of everybody who leaves. When more leave at once than the room
+// remembers, the participant is sent the list of those who are still there.
 static void a_crowd_leaves_at_once(void **unused)
 {
     enum { CROWD = 150 };

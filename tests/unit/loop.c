@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The event loop (server/core/loop.h): the order of timers and messages, and what was stopped
-// or removed is not called.
+// The event loop (server/core/loop.h): timers and messages come in order; a stopped timer and a
+// removed watch are not called.
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -108,7 +108,7 @@ static void blocks_follow_one_another(void **state)
     }
 }
 
-// Numbers are finite and within what the renderers bear.
+// A number that is not finite or outside its range is refused.
 static void numbers_have_bounds(void **state)
 {
     enum { POSITION, NAN_NORMAL, NORMAL, IOR, ROUGHNESS, FOV, EYE, ALBEDO, G, COLOR, NAME, N };

@@ -343,8 +343,8 @@ static void edges_are_antialiased(void **state)
     scene_finish(&s);
 }
 
-// A pixel on the line where two blocks meet has a point of each, weighted by its sub-samples,
-// however much alike the blocks are: their media differ.
+// Two blocks that meet within a pixel each have a point in it, weighted by their share of its
+// sub-samples. Points of blocks are kept apart, since their media may differ.
 static void blocks_share_a_pixel(void **state)
 {
     enum { SIDE = 64 };
