@@ -2,8 +2,13 @@
 import { create } from "@bufbuild/protobuf";
 import { LinearMipmapLinearFilter, MirroredRepeatWrapping, SRGBColorSpace } from "three";
 import { expect, test } from "vitest";
-import { SurfaceSchema, TextureKind, TextureMapSchema } from "../src/gen/relight_pb";
-import { cornersOf, rowsAt } from "../src/scene/geometry";
+import {
+  GeometryAnswerSchema,
+  SurfaceSchema,
+  TextureKind,
+  TextureMapSchema,
+} from "../src/gen/relight_pb";
+import { cornersOf, meshOf, rowsAt } from "../src/scene/geometry";
 import { imagesOf, levelsOf, lookOf, MapTextures } from "../src/scene/surface-maps";
 
 const image = (width: number, height: number, n: number) => ({
@@ -62,4 +67,22 @@ test("vertices at seams are several, each with its coordinates", () => {
   );
   expect(Array.from(rows)).toEqual([0, 10, 20, 10, 30]);
   expect(cornersOf({ triangles, cornerUv: null })).toBeNull();
+});
+
+// PROTOCOL.md, GEOMETRY: [n_uv][n_vertex][2] floats.
+test("each set of texture coordinates is read where it lies", () => {
+  const nVertex = 3;
+  const uvOffset = 2 * 12 * nVertex;
+  const sets = [0, 1, 2].map((set) =>
+    Array.from({ length: 2 * nVertex }, (_, i) => 100 * set + i),
+  );
+  const numbers = [...new Array<number>(6 * nVertex).fill(0), ...sets.flat()];
+  const payload = new Uint8Array(Float32Array.from(numbers).buffer);
+  const answer = create(GeometryAnswerSchema, {
+    nVertex,
+    nUv: 3,
+    normalsOffset: BigInt(12 * nVertex),
+    uvOffset: BigInt(uvOffset),
+  });
+  expect(meshOf(answer, payload).uv.map((set) => Array.from(set))).toEqual(sets);
 });

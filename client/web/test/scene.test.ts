@@ -103,6 +103,16 @@ describe("cubes", () => {
     expect(texel[1]).toBeCloseTo(2, 4);
     expect(texel[2]).toBeCloseTo(3, 4);
   });
+  test("an even lamp keeps its radiance, still or turned, of any size", () => {
+    for (const n of [16, 32, 64])
+      for (const rotateDeg of [0, 33]) {
+        const lamp = { cube: even(n), rotateDeg, tiltDeg: 0, gain: [1, 2, 3] as Vec3 };
+        const { texel } = summed([lamp], 32);
+        texel.forEach((x, i) => {
+          if (Math.abs(x - 1 - (i % 3)) > 1e-4) expect(x).toBe(1 + (i % 3));
+        });
+      }
+  });
   test("reduction keeps power", () => {
     const cube = spot(32, [0.2, 0.9, 0.1]);
     const power = ({ n, texel }: Cube) => {

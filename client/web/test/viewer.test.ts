@@ -1,10 +1,21 @@
 // SPDX-License-Identifier: MIT
-import { expect, test } from "vitest";
+import { expect, test, vi } from "vitest";
 import { create } from "@bufbuild/protobuf";
-import { ErrorCode, ModelInfoSchema, ModelState } from "../src/gen/relight_pb";
+import {
+  ColorFormat,
+  ErrorCode,
+  FactorsAnswerSchema,
+  GeometryAnswerSchema,
+  ModelInfoSchema,
+  ModelState,
+  Term,
+  ViewFrameSchema,
+  type ViewFrame,
+} from "../src/gen/relight_pb";
 import { RelightError } from "../src/protocol/errors";
 import { Type } from "../src/protocol/frame";
 import type { Client } from "../src/protocol/client";
+import type { Stage } from "../src/scene/stage";
 import { Viewer } from "../src/scene/viewer";
 import { FIRST, FIRST_LAMP } from "../src/state/scene-state";
 
@@ -149,4 +160,88 @@ test("lights that were refused are sent whole with the next change", async () =>
   await new Promise((done) => setTimeout(done, 2000));
   expect(changes[1]?.fields).toContain("lights");
   viewer.close();
+});
+
+type Framed = (frame: { message: ViewFrame; payload: Uint8Array }) => void;
+const SLOW = { timeout: 60_000 }; // a busy machine
+// A daemon of a baked model of one triangle, whose factors are of one rank, and a stage that draws
+// nothing. gain: of the variant's albedo over the one that was baked. The color formats that the viewer
+// asks for, once there are n.
+async function formatsOf(gain: { x: number; y: number; z: number } | undefined, n: number) {
+  const formats: unknown[] = [];
+  const [sections, factors] = [new Uint8Array(84), new Uint8Array(84)];
+  factors.set(new Uint8Array(Uint32Array.from([3, 1, 0, 1, 2]).buffer)); // 3 vertices, rank 1
+  const tensor = {
+    term: Term.MULTIPLE,
+    nCluster: 1,
+    orderOffset: 8n,
+    uOffset: 20n,
+    uBytes: 64n,
+  };
+  const state = ModelState.MODEL_READY;
+  const answers: Partial<Record<Type, [unknown, Uint8Array?]>> = {
+    [Type.Info]: [create(ModelInfoSchema, { model: "a", state })],
+    [Type.Geometry]: [
+      create(GeometryAnswerSchema, {
+        nVertex: 3,
+        nTriangle: 1,
+        normalsOffset: 36n,
+        trianglesOffset: 72n,
+        blocks: [{ nVertex: 3, nTriangle: 1, ...(gain ? { gain } : {}) }],
+      }),
+      sections,
+    ],
+    [Type.Factors]: [
+      create(FactorsAnswerSchema, { factors: 7n, nVertex: 3, tensors: [tensor] }),
+      factors,
+    ],
+  };
+  let framed: Framed | undefined;
+  interface Set {
+    fields: string[];
+    options?: { colorFormat: ColorFormat };
+  }
+  const client = {
+    hello: {},
+    has: (feature: string) => feature === "coefficients",
+    notify: () => undefined,
+    request: (type: Type, _: unknown, init: { state: Set }) => {
+      if (type === Type.ViewSet && init.state.fields.includes("options.color_format"))
+        formats.push(init.state.options?.colorFormat);
+      const [message = {}, payload = new Uint8Array(0)] = answers[type] ?? [];
+      return Promise.resolve({ message, payload });
+    },
+    stream: (...all: unknown[]) => {
+      framed = all[4] as Framed;
+      return 1n;
+    },
+  };
+  const stage = new Proxy({}, { get: () => () => undefined }) as Stage;
+  const canvas = { clientWidth: 64, clientHeight: 64 } as HTMLCanvasElement;
+  const none = () => undefined;
+  const viewer = new Viewer(
+    client as unknown as Client,
+    { canvas, pictureCanvas: canvas },
+    stage,
+    { status: none, info: none, fine: none, fault: (error) => formats.push(error) },
+  );
+  viewer.show({ ...FIRST, model: "a", lamps: [{ ...FIRST_LAMP, env: "constant" }] });
+  await vi.waitFor(() => expect(viewer.shape).not.toBeNull(), SLOW);
+  await import("../src/scene/factors");
+  await new Promise((done) => setTimeout(done, 50));
+  framed?.({
+    message: create(ViewFrameSchema, { frame: 1n, equal: true }),
+    payload: new Uint8Array(0),
+  });
+  await new Promise((done) => setTimeout(done, 50));
+  await vi.waitFor(() => expect(formats.length).toBeGreaterThanOrEqual(n), SLOW);
+  viewer.close();
+  return formats;
+}
+
+// Coefficients are multiplied with the factors of the albedo that was baked.
+test("coefficients are asked for where the albedo is the one that was baked", async () => {
+  expect(await formatsOf(undefined, 1)).toEqual([ColorFormat.COLOR_COEFFICIENTS]);
+  expect(await formatsOf({ x: 1, y: 1, z: 1 }, 1)).toEqual([ColorFormat.COLOR_COEFFICIENTS]);
+  expect(await formatsOf({ x: 1, y: 0.5, z: 1 }, 0)).toEqual([]);
 });

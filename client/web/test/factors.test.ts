@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: MIT
+// What the GPU is given to multiply.
+import { create } from "@bufbuild/protobuf";
+import type { Mesh, RawShaderMaterial, Scene, WebGLRenderer } from "three";
+import { expect, test } from "vitest";
+import {
+  CoefficientsSchema,
+  ColorFormat,
+  ColorsAnswerSchema,
+  FactorsAnswerSchema,
+  Term,
+} from "../src/gen/relight_pb";
+import { Factors } from "../src/scene/factors";
+
+// A renderer that notes the scale, the first coefficient and the layer of each sum.
+function notingRenderer() {
+  const drawn: { scale: unknown; first: number | undefined; layer: number }[] = [];
+  let layer = 0;
+  const renderer = {
+    setClearColor: () => undefined,
+    clear: () => undefined,
+    setRenderTarget: (_: unknown, to = 0) => (layer = to),
+    render: (scene: Scene) => {
+      const { scale, rows } = ((scene.children[0] as Mesh).material as RawShaderMaterial)
+        .uniforms;
+      const texture = rows?.value as { image: { data: Uint16Array } };
+      drawn.push({ scale: scale?.value, first: texture.image.data[0], layer });
+    },
+  };
+  return { drawn, renderer: renderer as unknown as WebGLRenderer };
+}
+
+// PROTOCOL.md, COLORS: one layer has a scale for each plane, and each plane its own halves.
+test("each light's coefficients are multiplied by its own scale", () => {
+  const [half, two] = [0x3800, 0x4000]; // 0.5 and 2 as halves
+  const answer = create(FactorsAnswerSchema, {
+    factors: 7n,
+    nVertex: 1,
+    tensors: [{ term: Term.MULTIPLE, nCluster: 1, orderOffset: 8n, uOffset: 16n, uBytes: 64n }],
+  });
+  const bytes = new Uint8Array(80);
+  bytes.set(new Uint8Array(Uint32Array.from([1, 1]).buffer)); // one vertex, rank 1
+  const factors = new Factors(answer, bytes);
+  const light = create(CoefficientsSchema, {
+    factors: 7n,
+    layers: [{ tensor: 0, nRow: 1, nPhase: 1, scales: [1, 16] }],
+  });
+  const colors = create(ColorsAnswerSchema, {
+    format: ColorFormat.COLOR_COEFFICIENTS,
+    nPlane: 2,
+    planeBytes: 8n,
+  });
+  const planes = new Uint8Array(Uint16Array.from([half, 0, 0, 0, two, 0, 0, 0]).buffer);
+  const { drawn, renderer } = notingRenderer();
+  factors.multiply(renderer, light, colors, planes);
+  expect(drawn).toEqual([
+    { scale: 2 ** -20, first: half, layer: 0 },
+    { scale: 2 ** -16, first: two, layer: 0 },
+  ]);
+  factors.dispose();
+});

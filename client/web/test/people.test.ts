@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+// What other people in a room do with this page: their hands move its scene, who leads takes its camera.
+import { create, toBinary, type MessageInitShape } from "@bufbuild/protobuf";
+import { beforeEach, expect, test } from "vitest";
+import { fakeDaemon, tellState, turn } from "./fake-browser";
+import {
+  EventKind,
+  EventSchema,
+  PresenceSchema,
+  type ParticipantSchema,
+} from "../src/gen/relight_pb";
+
+const store = await import("../src/ui/store");
+const here = await import("../src/room/here");
+const session = await import("../src/room/session");
+const daemon = fakeDaemon(store.client);
+
+const lit = (rotateDeg: number) => ({
+  model: "a".repeat(32),
+  lights: [{ env: "constant", rotateDeg, gain: { x: 1, y: 1, z: 1 } }],
+});
+const rotated = () => store.scene.value.lamps[0]?.rotate;
+/** What the daemon tells of people: of all of them, or of those that changed. */
+function tellPeople(
+  participants: MessageInitShape<typeof ParticipantSchema>[],
+  isAll = false,
+): void {
+  daemon.streams.at(-1)?.answered({
+    message: create(EventSchema, { kind: EventKind.EVENT_ROOM_PRESENCE, lost: isAll }),
+    payload: toBinary(PresenceSchema, create(PresenceSchema, { participants })),
+  });
+}
+
+beforeEach(async () => {
+  if (here.roomId.value) session.leave();
+  await turn();
+  session.enter("r1");
+  tellState(daemon, { room: "r1", sequence: 1n, scene: lit(20) });
+});
+
+test.each([
+  [
+    "says so",
+    () => tellPeople([{ key: 8n, gone: true, handParts: ["lights"], hand: lit(77) }]),
+  ],
+  ["is not among all", () => tellPeople([{ key: 9n, name: "Cy" }], true)],
+  ["puts its hand down", () => tellPeople([{ key: 8n }])],
+])("a hand moves the scene until its person %s", (_, end) => {
+  tellPeople([{ key: 8n, handParts: ["lights"], hand: lit(77) }]);
+  expect(rotated()).toBe(77);
+  end();
+  expect(rotated()).toBe(20);
+});
+
+test("who leads is followed until that ends; who leads follows nobody", () => {
+  tellPeople([{ key: 8n, leads: true }]);
+  expect(here.follows.value).toBe(8n);
+  tellPeople([{ key: 8n, leads: false }]);
+  expect(here.follows.value).toBe(0n);
+  session.lead(true);
+  tellPeople([{ key: 8n, leads: true }]);
+  expect(here.follows.value).toBe(0n);
+  session.lead(false);
+  session.lookAlone(true);
+  tellPeople([{ key: 9n, leads: true }]);
+  expect(here.follows.value).toBe(0n);
+});
