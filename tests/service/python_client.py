@@ -22,7 +22,7 @@ from web import OCTAHEDRON, Daemon, sky
 sys.path.insert(0, sys.argv[2])
 import relight  # noqa: E402
 from relight.connection import ANSWER, FIXED, LAST, TYPES, Connection  # noqa: E402
-from relight.messages import message  # noqa: E402
+from relight.messages import enum, message  # noqa: E402
 
 BAKE = {"samples": 300, "cube": 16, "single_points": 2}
 
@@ -123,6 +123,14 @@ def edits(c, free):
     assert rmse(c.edit(free, milk, "constant", format="coefficients"), b) < 2e-3
 
 
+def another_bake(c, folder):
+    """Coefficients by a name are of the model that has it now, with factors of its own."""
+    for material in ("cream", "skin1"):
+        model = c.load(folder + "/ball.obj", size_mm=10, material=material, name="again", transport="wavelet", **BAKE)
+        assert rmse(c.colors("again", "constant", format="coefficients"), c.colors("again", "constant")) < 2e-3
+        c.unload(model, forget=True)
+
+
 def views(c, model):
     cube = np.ones((6, 16, 16, 3), np.float32)
     cube[4] *= 20
@@ -194,6 +202,15 @@ def a_frame_in_two_pieces(folder):
         daemon.close()
 
 
+def a_busy_daemon():
+    """The wait is in milliseconds in the protocol (ERROR) and in seconds in this client."""
+    def told(**fields):
+        busy = message("Error", code=enum("ErrorCode", "ERROR_", "busy"), text="12 requests wait", **fields)
+        return relight.RelightError.of_message(busy)
+    assert told(retry_after_ms=1500).code == "BUSY" and told(retry_after_ms=1500).retry_after == 1.5
+    assert told().retry_after is None
+
+
 def a_view_that_fails(c, model):
     """The error of the daemon reaches the caller, and not one about the end of the view."""
     def follow():
@@ -230,6 +247,7 @@ def links_and_errors(c, d, model):
 
 def main():
     addresses()
+    a_busy_daemon()
     d = Daemon(sys.argv[1])
     try:
         with relight.Client("unix:" + d.folder + "/s", timeout=60) as c:
@@ -237,6 +255,7 @@ def main():
             colours(c, model, d.folder)
             pictures_and_shapes(c, model)
             edits(c, free)
+            another_bake(c, d.folder)
             views(c, model)
             a_frame_in_two_pieces(d.folder)
             a_view_that_fails(c, model)
