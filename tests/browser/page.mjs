@@ -888,6 +888,25 @@ const scenarios = {
         "progress",
       ]);
       assert.equal(found.azimuth, 77);
+      // The picture before the model is of the variant.
+      const before = await page.evaluate(async () => {
+        const one = document.querySelector("relight-viewer");
+        one.setAttribute("model", "variants.prt");
+        const pictures = [];
+        for (const variant of ["", "day"]) {
+          one.setAttribute("variant", variant);
+          const answer = await fetch(one.drawnPoster());
+          pictures.push(
+            `${answer.status} ${new Uint8Array(await answer.arrayBuffer()).join()}`,
+          );
+        }
+        return pictures;
+      });
+      assert.ok(
+        before.every((picture) => picture.startsWith("200 ")),
+        before[0].slice(0, 99),
+      );
+      assert.notEqual(before[0], before[1]);
       assert.ok(found.type === "image/png" && found.size > 1000);
       await shot(page, "embed");
       // The example of the client alone, from the package.

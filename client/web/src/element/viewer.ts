@@ -278,7 +278,7 @@ export class RelightViewerElement extends HTMLElement {
       this.address().replace(/^ws/, "http"),
     );
     const side = (x: number, otherwise: number) => Math.min(1600, Math.max(32, x || otherwise));
-    const { background, exposure, tone, term, material } = this.state;
+    const { background, exposure, tone, term, material, variant } = this.state;
     url.searchParams.set("env", lamp.env);
     url.searchParams.set("rotate", String(lamp.rotate));
     url.searchParams.set("gain", lamp.gain.join(","));
@@ -290,6 +290,7 @@ export class RelightViewerElement extends HTMLElement {
     url.searchParams.set("tone", tone);
     if (term !== "total") url.searchParams.set("term", term);
     if (material) url.searchParams.set("material", material);
+    if (variant) url.searchParams.set("variant", variant);
     if (background !== "environment") url.searchParams.set("background", background.join(","));
     return url.href;
   }
