@@ -236,6 +236,29 @@ function difference(a, b) {
   }
   return Math.sqrt(sum / power);
 }
+/** The mean height of what a map of ΔE shows and of what differs between the pictures, in heights of
+ * the map from its top. */
+const heights = (page) =>
+  page.evaluate(() => {
+    const canvas = document.querySelector("canvas.map");
+    const { width, height } = canvas;
+    const map = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+    const [a, b] = [globalThis.relightViewer, globalThis.relightOther].map(({ stage }) =>
+      stage.readEncoded(width, height),
+    );
+    const mean = (weight) => {
+      let [sum, all] = [0, 0];
+      for (let i = 0; i < width * height; i++) {
+        const w = weight(i);
+        sum += (w * (Math.floor(i / width) + 0.5)) / height;
+        all += w;
+      }
+      return sum / all;
+    };
+    const differs = (i) => Number([0, 1, 2].some((c) => a[4 * i + c] !== b[4 * i + c]));
+    // Rows of WebGL begin at the bottom.
+    return [mean((i) => map[4 * i]), 1 - mean(differs)];
+  });
 async function shot(page, name) {
   if (shots) await page.screenshot({ path: join(shots, `${name}.png`) });
 }
@@ -609,7 +632,7 @@ const scenarios = {
   },
 
   async "two states are compared: a wipe, side by side, a map of ΔE"(home) {
-    const page = await open(`${home}/#model=open.prt`);
+    const page = await open(`${home}/#model=open.prt&orbit=0,15,1,0,-0.5`);
     await mode(page, "mesh");
     await coefficients(page);
     const alone = await linear(page);
@@ -633,6 +656,9 @@ const scenarios = {
     await page.getByRole("tab", { name: "View" }).click();
     await page.getByText(/mean [1-9][0-9]*\.[0-9]+, most [1-9]/).waitFor(PATIENCE);
     await shot(page, "difference");
+    const [shown, pictures] = await heights(page);
+    assert.ok(pictures < 0.4, `the model is at the height ${pictures}`);
+    assert.ok(Math.abs(shown - pictures) < 0.05, `the map is at ${shown}, not ${pictures}`);
     await page.getByRole("radio", { name: "Wipe" }).click();
     await settled(page);
     await otherRests();
@@ -888,6 +914,15 @@ const scenarios = {
         "progress",
       ]);
       assert.equal(found.azimuth, 77);
+      // Without an attribute of its own the camera stays where hands put it.
+      const stays = await page.evaluate(() => {
+        const one = document.querySelector("relight-viewer");
+        one.removeAttribute("camera-orbit");
+        one.cameraOrbit = { ...one.cameraOrbit, azimuth: 50 };
+        one.setAttribute("exposure", "1");
+        return [one.cameraOrbit.azimuth, one.state.exposure];
+      });
+      assert.deepEqual(stays, [50, 1]);
       // The picture before the model is of the variant.
       const before = await page.evaluate(async () => {
         const one = document.querySelector("relight-viewer");
