@@ -378,6 +378,18 @@ static void wrong_calls_are_refused(void **state)
     assert_int_equal(prt_relight_radial(&ctx, &t, some_coef(), false, color), PRT_ARG);
     assert_int_equal(prt_contract_material(&ctx, &t, color, some_coef(), color), PRT_ARG);
     assert_int_equal(prt_rows_fold(&ctx, &t, some_coef(), &rows), PRT_ARG);
+    // each light is of the transport's size, not the first alone
+    struct prt_light right;
+    assert_int_equal(synthetic_light(kind[0].cube, 3, &right), 0);
+    float *both = malloc(2 * 12 * N * 4);
+    for (int wrong = 0; wrong < 3; wrong++) {
+        for (int i = 0; i < 3; i++) lights[i] = i == wrong ? &light : &right;
+        assert_int_equal(prt_relight(&ctx, &t, 2, lights, NULL, false, both),
+                         wrong < 2 ? PRT_MISMATCH : PRT_OK);
+        assert_int_equal(prt_relight(&ctx, &t, 3, lights, NULL, false, both), PRT_MISMATCH);
+    }
+    free(both);
+    prt_light_finish(&right);
     prt_light_finish(&light);
     synthetic_tensor_finish(&t);
     free(color);
