@@ -373,6 +373,36 @@ static void exr_round_trip(void **state)
     }
 }
 
+// An EXR has every line of its alpha. Renamed, the channels A, B and G are read as B, G and R.
+static void exr_alpha_round_trip(void **state)
+{
+    enum { W = 5, H = 40, CHANNEL = 18 }; // bytes of a channel of one letter in the header
+    static const char renamed[4] = {'B', 'G', 'R', 'Z'};
+    float alpha[W * H];
+    struct prt_image im = blank(W, H), back;
+    struct prt_blob blob;
+    for (int i = 0; i < W * H; i++) {
+        alpha[i] = (float)(i % 101) / 128;
+        for (int c = 0; c < 3; c++) im.rgb[3 * i + c] = (float)(c + 1);
+    }
+    im.alpha = alpha;
+    assert_int_equal(prt_encode_exr(&ctx, &im, true, &blob), PRT_OK);
+    char *at = memmem(blob.bytes, blob.size, "A\0\2\0\0\0", 6);
+    assert_non_null(at);
+    for (int c = 0; c < 4; c++) at[c * CHANNEL] = renamed[c];
+    assert_int_equal(prt_image_load_memory(&ctx, "a.exr", blob.bytes, blob.size, &back),
+                     PRT_OK);
+    for (int i = 0; i < W * H; i++) {
+        assert_float_equal(back.rgb[3 * i + 2], alpha[i], 0);
+        assert_float_equal(back.rgb[3 * i + 1], 3, 0); // blue
+        assert_float_equal(back.rgb[3 * i], 2, 0);     // green
+    }
+    prt_free(blob.bytes);
+    im.alpha = NULL;
+    prt_image_finish(&im);
+    prt_image_finish(&back);
+}
+
 static double srgb_to_linear(double v)
 {
     return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
@@ -821,6 +851,7 @@ int main(void)
         cmocka_unit_test(envmap_cube_round_trip),
         cmocka_unit_test(squares_are_refused),
         cmocka_unit_test(exr_round_trip),
+        cmocka_unit_test(exr_alpha_round_trip),
         cmocka_unit_test(png_and_jpeg_are_linearised),
         cmocka_unit_test(a_jpeg_without_its_end_is_refused),
         cmocka_unit_test(cache_of_a_turned_cube),

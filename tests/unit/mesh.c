@@ -126,6 +126,26 @@ static void nodes_make_objects(void **state)
     prt_mesh_destroy(m);
 }
 
+// A rotation turns and scales nothing, whatever the length of its quaternion: here a quarter
+// turn about z.
+static void rotations_keep_lengths(void **state)
+{
+    static const char *const quarter[] = {"0,0,0.70710678,0.70710678", "0,0,2,2",
+                                          "0,0,-1e-3,-1e-3"};
+    for (int i = 0; i < 3; i++) {
+        char rest[2048];
+        snprintf(rest, sizeof rest,
+                 TETRA_VIEWS ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
+                             "\"indices\":1}]}],\"nodes\":[{\"mesh\":0,\"rotation\":[%s]}]",
+                 quarter[i]);
+        struct prt_mesh *m = must_load(gltf(&tetrahedron, sizeof tetrahedron, rest));
+        const float want[4][3] = {{0, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, 0, 1}};
+        for (int v = 0; v < 4; v++)
+            for (int c = 0; c < 3; c++) assert_float_equal(m->position[v][c], want[v][c], 1e-6);
+        prt_mesh_destroy(m);
+    }
+}
+
 static void normals_are_angle_weighted(void **state)
 {
     // at the right-angled corner three faces of equal angle meet
@@ -912,6 +932,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nodes_make_objects),
+        cmocka_unit_test(rotations_keep_lengths),
         cmocka_unit_test(normals_are_angle_weighted),
         cmocka_unit_test(opposite_windings_are_told),
         cmocka_unit_test(mirrored_normals_point_out),
