@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Files that are written whole or not at all, and the words for instruction sets.
+// Files that are written whole or not at all, the words for instruction sets, and loops that
+// end early.
 #include <dirent.h>
 #include <errno.h>
 #include <setjmp.h>
@@ -160,6 +161,49 @@ static void cpu_words_come_back(void **state)
     assert_string_equal(prt_cpu_word(PRT_CPU_AVX2 | PRT_CPU_AVX512), "avx512");
 }
 
+struct pieces {
+    unsigned begun;
+    size_t fails; // the piece that does
+};
+
+static int count_piece(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct pieces *p = arg;
+    p->begun++;
+    return begin == p->fails ? PRT_FORMAT : PRT_OK;
+}
+
+static int cancel(void *user, const char *stage, double fraction, double eta_s)
+{
+    return ++*(unsigned *)user > 0;
+}
+
+static int wait_a_while(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct pieces *p = arg;
+    p->begun++;
+    usleep(120000); // progress is told ten times a second
+    return PRT_OK;
+}
+
+// Contract of prt_parallel_for: after a failure, and when the callback cancels, no further
+// piece is begun.
+static void a_failed_loop_begins_no_more(void **state)
+{
+    unsigned told = 0;
+    struct prt_context ctx;
+    struct pieces p = {0, 3};
+    prt_context_init(&ctx);
+    assert_int_equal(prt_parallel_for(&ctx, NULL, 1000, 1, count_piece, &p), PRT_FORMAT);
+    assert_int_equal(p.begun, 4);
+    ctx.progress = cancel;
+    ctx.progress_user = &told;
+    p = (struct pieces){0, 0};
+    assert_int_equal(prt_parallel_for(&ctx, "stage", 8, 1, wait_a_while, &p), PRT_CANCELLED);
+    assert_int_equal(p.begun, 1);
+    assert_int_equal(told, 1);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -168,6 +212,7 @@ int main(void)
         cmocka_unit_test(a_failed_write_leaves_the_earlier_file),
         cmocka_unit_test(an_abandoned_file_leaves_nothing),
         cmocka_unit_test(cpu_words_come_back),
+        cmocka_unit_test(a_failed_loop_begins_no_more),
     };
     if (!mkdtemp(strcpy(folder, "/tmp/prt-base-XXXXXX"))) return 1;
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
