@@ -262,10 +262,60 @@ static void supports_weigh_to_the_next(void **state)
     }
 }
 
+// Law: of a row's coefficients those of the largest energy over all functions are kept (W05 eq
+// 7): no other choice of as many keeps more.
+static void sparse_rows_keep_the_most_energy(void **state)
+{
+    enum { KEEP = 40, ROWS = 3, FUNCTIONS = 3 };
+    static const float scale[FUNCTIONS] = {1, 0.3f, 0.01f};
+    static uint32_t order[ROWS] = {0, 1, 2};
+    struct prt_cluster cluster = {.n_vertex = ROWS};
+    const struct clusters clusters = {.n_cluster = 1, .cluster = &cluster, .order = order};
+    float *dense = prt_alloc((size_t)ROWS * FUNCTIONS * N_COEF, sizeof *dense), *haar;
+    struct sparse_builder *b;
+    struct prt_tensor t;
+    struct prt_rng rng;
+    prt_rng_init(&rng, 7, 2);
+    for (int i = 0; i < ROWS * FUNCTIONS * N_COEF; i++)
+        dense[i] = scale[i / N_COEF % FUNCTIONS] * powf(prt_rng_f32(&rng), 3);
+    haar = prt_alloc((size_t)ROWS * FUNCTIONS * N_COEF, sizeof *haar);
+    memcpy(haar, dense, (size_t)ROWS * FUNCTIONS * N_COEF * sizeof *haar);
+    for (int i = 0; i < ROWS * FUNCTIONS * 6; i++) prt_haar_forward(N, haar + i * N * N);
+    assert_int_equal(prt_sparse_builder_create(&clusters, ROWS, N, FUNCTIONS, KEEP + 6, &b),
+                     PRT_OK);
+    prt_sparse_builder_add(b, 0, dense);
+    assert_int_equal(prt_sparse_builder_finish(b, &t), PRT_OK);
+    prt_sparse_builder_destroy(b);
+    for (int v = 0; v < ROWS; v++) {
+        double least = INFINITY, energy[N_COEF];
+        for (int k = 0; k < N_COEF; k++) {
+            energy[k] = 0;
+            for (int j = 0; j < FUNCTIONS; j++) {
+                const double x = (double)haar[(v * FUNCTIONS + j) * N_COEF + k];
+                energy[k] += x * x;
+            }
+        }
+        const uint16_t *index = (const uint16_t *)t.rows.index + t.rows.begin[v];
+        for (int i = 0; i < KEEP; i++) {
+            assert_true(index[i] % (N * N) && (!i || index[i] > index[i - 1]));
+            least = fmin(least, energy[index[i]]);
+            energy[index[i]] = 0;
+        }
+        for (int k = 0; k < N_COEF; k++)
+            if (k % (N * N))
+                expect_below("energy that is left over the least kept", energy[k] / least,
+                             1 + 1e-5);
+    }
+    prt_free(dense);
+    prt_free(haar);
+    prt_tensor_finish(&t);
+}
+
 int main(void)
 {
     prt_context_init(&context);
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sparse_rows_keep_the_most_energy),
         cmocka_unit_test(rows_keep_what_they_are_made_of),
         cmocka_unit_test(two_distances_stand_for_a_disc),
         cmocka_unit_test(supports_weigh_to_the_next),

@@ -401,6 +401,36 @@ static void mean_length_is_invariant(void **state)
     }
 }
 
+// Law: a body's volume is that within all of its faces, its area that of the faces by which
+// light leaves: an opaque face bounds it, too (METHODS §9, mean path).
+static void opaque_faces_bound_the_body(void **state)
+{
+    enum { SIDE = 4, FACE = 2 * SIDE * SIDE, CORNERS = (SIDE + 1) * (SIDE + 1) };
+    struct prt_mesh *mesh = box(4, 6, 8, SIDE);
+    struct prt_surface surface[2] = {mesh->surface[0], {.name = "lid"}};
+    double lid = 0;
+    for (uint32_t t = 5 * FACE; t < 6 * FACE; t++) {
+        const float *p[3];
+        double n[3];
+        for (int j = 0; j < 3; j++) p[j] = mesh->position[mesh->triangle[t][j]];
+        for (int k = 0; k < 3; k++) {
+            const int a = (k + 1) % 3, b = (k + 2) % 3;
+            n[k] = (double)(p[1][a] - p[0][a]) * (double)(p[2][b] - p[0][b]) -
+                   (double)(p[1][b] - p[0][b]) * (double)(p[2][a] - p[0][a]);
+        }
+        lid += sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
+    }
+    struct prt_block block[2] = {{0, 0, 0, 5 * CORNERS, 0, 5 * FACE},
+                                 {0, 1, 5 * CORNERS, CORNERS, 5 * FACE, FACE}};
+    mesh->surface = surface, mesh->n_surface = 2;
+    mesh->block = block, mesh->n_block = 2;
+    struct body b = body(mesh);
+    expect_above("area of the opaque face", lid, 23);
+    expect_close("volume of a box with an opaque face", prt_walk_volume(b.space, 0), 192, 1e-6);
+    expect_close("area of its other faces", prt_walk_area(b.space, 0), 208 - lid, 1e-6);
+    end(&b);
+}
+
 int main(void)
 {
     prt_context_init(&context);
@@ -412,6 +442,7 @@ int main(void)
         cmocka_unit_test(reference_of_a_slab),
         cmocka_unit_test(walk_column_of_the_readme),
         cmocka_unit_test(profiles_have_no_walks),
+        cmocka_unit_test(opaque_faces_bound_the_body),
     };
     return run_physics_tests(tests, NULL, NULL);
 }
