@@ -753,9 +753,30 @@ static void engine_words(void **state)
     assert_int_equal(prt_screen_engine_parse("vertex", &e), PRT_ARG);
 }
 
+// Law: the texels of each object stand for its own surface, also of one so small that it has
+// more of them than its share (C08).
+static void texels_stand_for_their_object(void **state)
+{
+    static const float radius[2] = {10, 0.3f};
+    struct model model;
+    model_init(&model, 20000, 40000);
+    for (int k = 0; k < 2; k++)
+        add_sphere(&model, (float[3]){14 * (float)k, 0, 0}, radius[k], 32);
+    struct samples s;
+    assert_int_equal(prt_samples_atlas(&quiet, &model.mesh, 2000, &s), PRT_OK);
+    double area[2] = {0, 0};
+    for (uint32_t i = 0; i < s.n; i++) area[s.object[i]] += (double)s.area[i];
+    for (int k = 0; k < 2; k++)
+        expect_near("area of an object's texels over its sphere's",
+                    area[k] / (4 * M_PI * (double)radius[k] * (double)radius[k]), 1, 0.004);
+    prt_samples_finish(&s);
+    model_finish(&model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(texels_stand_for_their_object),
         cmocka_unit_test(plane_gives_total_reflectance),
         cmocka_unit_test(touching_objects_exchange_nothing),
         cmocka_unit_test(media_keep_apart),

@@ -116,6 +116,27 @@ static void receivers_stand_for_their_patch(void **state)
     model_finish(&model);
 }
 
+// Each further light costs shadow rays: in the same time a picture has fewer samples, or takes
+// longer.
+static void lights_cost_time(const struct stage *s, const struct prt_screen_input *input)
+{
+    struct prt_screen_light lights[8];
+    for (int i = 0; i < 8; i++) lights[i] = from_front;
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_plan plan[2];
+        for (int many = 0; many < 2; many++) {
+            struct prt_screen_input in = *input;
+            in.n_extra = many ? 8 : 1, in.extra = lights;
+            assert_int_equal(prt_screen_plan(&quiet, s->screen, &in, (enum prt_screen_engine)e,
+                                             50, NULL, &plan[many]),
+                             PRT_OK);
+        }
+        assert_true(plan[1].n_sample < plan[0].n_sample ||
+                    (plan[1].n_sample == plan[0].n_sample &&
+                     plan[1].expected_ms > plan[0].expected_ms));
+    }
+}
+
 // Law: more time gives more samples and less expected error (METHODS §6, expected error).
 static void budgets_buy_samples(void **state)
 {
@@ -148,6 +169,7 @@ static void budgets_buy_samples(void **state)
         free(render(&s, &marble, NULL, &from_front, options, &report));
         assert_true(report.n_asked >= 16 && report.expected_error > 0);
     }
+    lights_cost_time(&s, &input);
     struct prt_screen_options options = {0};
     struct prt_screen_plan plan;
     assert_int_equal(prt_screen_choose(&quiet, s.screen, &input, 50, &options, &plan), PRT_OK);

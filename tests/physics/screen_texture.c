@@ -369,6 +369,51 @@ static void pattern_is_the_near_part(void **state)
     model_finish(&model);
 }
 
+// Law: the near part of each object is by its own medium (METHODS §6, hybrid): two boxes, of
+// which the second scatters more and absorbs, are each as the sum over all texels has them.
+static void pattern_of_each_medium(void **state)
+{
+    static const uint8_t own[2] = {0, 1};
+    struct prt_material medium[2] = {marble, marble};
+    for (int c = 0; c < 3; c++) medium[1].sigma_s_prime[c] *= 5, medium[1].sigma_a[c] = 0.3f;
+    const struct prt_screen_light light = {{-0.8f, 0, 0.6f}, {5, 5, 5}, false};
+    const struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 26};
+    struct model model;
+    struct stage s;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){-6, 0, 0}, (float[3]){5, 6, 6}, 8);
+    add_box(&model, (float[3]){6, 0, 0}, (float[3]){5, 6, 6}, 8);
+    stage_init(&s, &model, camera, 48, 48);
+    const struct prt_screen_input input = {
+        .visibility = s.vis, .media = {2, medium, own}, .n_extra = 1, .extra = &light};
+    pixels color[2];
+    for (int hybrid = 0; hybrid < 2; hybrid++) {
+        const struct prt_screen_options options = {.engine = hybrid ? PRT_SCREEN_HYBRID
+                                                                    : PRT_SCREEN_REFERENCE,
+                                                   .n_sample = hybrid ? 900 : 60000,
+                                                   .rings = 20,
+                                                   .spokes = 20};
+        color[hybrid] = malloc((s.g.n_point + 1) * sizeof *color[hybrid]);
+        assert_int_equal(
+            prt_screen_radiance(&quiet, s.screen, &input, &options, color[hybrid], NULL),
+            PRT_OK);
+    }
+    double error[2] = {0}, all[2] = {0};
+    for (uint32_t i = 0; i < s.g.n_point; i++)
+        for (int c = 0; c < 3; c++) {
+            const uint32_t object = model.block[s.g.block[i]].object;
+            const double want = (double)color[0][i][c], got = (double)color[1][i][c];
+            error[object] += (got - want) * (got - want);
+            all[object] += want * want;
+        }
+    for (int o = 0; o < 2; o++)
+        expect_below("relative RMSE on an object of its own medium", sqrt(error[o] / all[o]),
+                     0.1);
+    for (int k = 0; k < 2; k++) free(color[k]);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -380,6 +425,7 @@ int main(void)
         cmocka_unit_test(uv_are_the_atlas),
         cmocka_unit_test(uv_are_tried_again),
         cmocka_unit_test(pattern_is_the_near_part),
+        cmocka_unit_test(pattern_of_each_medium),
     };
     return run_physics_tests(tests, screen_setup, screen_teardown);
 }
