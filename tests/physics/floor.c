@@ -208,6 +208,28 @@ static void files_with_alpha(void **state)
     prt_free(blob.bytes);
 }
 
+// A picture of more points than are measured is measured all over, not at its first rows.
+static void larger_pictures_err_alike(const struct prt_mesh *mesh,
+                                      const struct prt_scene *scene, const struct prt_cube *sky,
+                                      const struct prt_camera *camera, double with,
+                                      double without)
+{
+    struct prt_visibility *seen;
+    struct prt_gbuffer g;
+    double now, plain;
+    assert_int_equal(prt_visibility_create(&context, mesh, camera,
+                                           &(struct prt_raster){640, 480, 1, PRT_RASTER_AUTO},
+                                           &seen),
+                     PRT_OK);
+    prt_visibility_gbuffer(seen, &g);
+    assert_true(g.n_point > 3 * 4096);
+    assert_int_equal(prt_specular_error(&context, scene, seen, sky, 1.5f, 0.2f, &now, &plain),
+                     PRT_OK);
+    expect_near("error of a larger picture over a smaller one's", now / with, 1, 0.2);
+    expect_near("the same without occlusion", plain / without, 1, 0.1);
+    prt_visibility_destroy(seen);
+}
+
 // Specular occlusion: none on a convex body, and on one that sees itself closer to traced rays
 // than reflections without it.
 static void reflections_of_hidden_sky(void **state)
@@ -243,6 +265,7 @@ static void reflections_of_hidden_sky(void **state)
         if (k) {
             expect_above("error of reflections without occlusion, flutes", without, 0.2);
             expect_below("with occlusion, as a share of that", with / without, 0.6);
+            larger_pictures_err_alike(mesh, scene, &sky, &camera, with, without);
         } else {
             expect_above("least share of a reflection that a ball leaves", least, 0.999);
         }
