@@ -548,6 +548,54 @@ static void colours_have_the_space_around_them(void **state)
     }
 }
 
+// Law: coefficients beyond what a medium may have are lowered together, which keeps the albedo
+// of each scattering (METHODS §10).
+static void limits_keep_the_albedo(void **state)
+{
+    static const char text[] =
+        "MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [30 200 900] "
+        "\"rgb sigma_s\" [4000 9000 2000] \"float g\" [.2]";
+    const struct prt_import i = import(text, true);
+    static const double absorbed[3] = {30, 200, 900}, scattered[3] = {4000, 9000, 2000};
+    assert_non_null(strstr(said, "were moved there"));
+    for (int c = 0; c < 3; c++) {
+        const double s = (double)i.material.sigma_s_prime[c], a = (double)i.material.sigma_a[c];
+        expect_above("sigma_s' at its limit [1/mm]", s, 500);
+        expect_close("sigma_a over sigma_s' of a dense medium", a / s,
+                     absorbed[c] / (0.8 * scattered[c]), 1e-5);
+    }
+}
+
+// FILE#NAME names a material of the file, and a file's own name may have a # as well.
+static void names_of_files_with_a_hash(void **state)
+{
+    char folder[] = "/tmp/imports-test-XXXXXX", path[64], named[80];
+    const char *text =
+        mtlx("open_pbr_surface", (const char *const[]){"subsurface_weight=1", NULL});
+    assert_non_null(mkdtemp(folder));
+    for (int hash = 0; hash < 2; hash++) {
+        struct prt_import *item;
+        unsigned n;
+        snprintf(path, sizeof path, "%s/%s", folder, hash ? "a#b.mtlx" : "ab.mtlx");
+        FILE *f = fopen(path, "w");
+        assert_non_null(f);
+        fputs(text, f);
+        assert_int_equal(fclose(f), 0);
+        for (int name = 0; name < 2; name++) {
+            snprintf(named, sizeof named, "%s%s", path, name ? "#m" : "");
+            said[0] = 0;
+            if (prt_material_import_file(&context, named, 0, &item, &n)) fail_msg("%s", said);
+            assert_int_equal(n, 1);
+            assert_true(item->has_medium);
+            prt_free(item);
+        }
+        snprintf(named, sizeof named, "%s#other", path);
+        assert_int_not_equal(prt_material_import_file(&context, named, 0, &item, &n), PRT_OK);
+        unlink(path);
+    }
+    assert_int_equal(rmdir(folder), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -563,6 +611,8 @@ int main(void)
         cmocka_unit_test(every_loss_is_named),
         cmocka_unit_test(hostile_files),
         cmocka_unit_test(twenty_materials),
+        cmocka_unit_test(limits_keep_the_albedo),
+        cmocka_unit_test(names_of_files_with_a_hash),
     };
     return run_physics_tests(tests, set_up, NULL);
 }
