@@ -69,6 +69,7 @@ static void receivers_stand_for_their_patch(void **state)
     struct model model;
     model_init(&model, 20000, 40000);
     add_box(&model, (float[3]){-6, 0, 0}, (float[3]){5, 6, 4}, 8);
+    add_box(&model, (float[3]){-13, 0, 0}, (float[3]){2, 6, 4}, 8); // its faces go on
     add_sphere(&model, (float[3]){6, 0, 5}, 6, 24);
     struct prt_camera camera = {.eye = {10, 20, 60}, .up = {0, 1, 0}, .fovy_deg = 28};
     struct stage s;
