@@ -126,6 +126,35 @@ static void nodes_make_objects(void **state)
     prt_mesh_destroy(m);
 }
 
+// Chunks of a GLB begin at multiples of four bytes, also behind one whose length is none: some
+// exporters do not count the padding.
+static void uncounted_padding_of_a_glb(void **state)
+{
+    static const char json[] =
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":72}]," TETRA_VIEWS
+        ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
+        "\"nodes\":[{\"mesh\":0}]}";
+    for (uint32_t spaces = 0; spaces < 5; spaces++) {
+        uint8_t file[2048];
+        const uint32_t n = sizeof json - 1 + spaces, padded = (n + 3) / 4 * 4;
+        const uint32_t total = 28 + padded + sizeof tetrahedron;
+        const uint32_t head[] = {0x46546c67, 2, total, n, 0x4e4f534a};
+        const uint32_t bin[] = {sizeof tetrahedron, 0x004e4942};
+        struct prt_context ctx = context();
+        struct prt_mesh *m;
+        assert_true(total <= sizeof file);
+        memset(file, ' ', sizeof file);
+        memcpy(file, head, sizeof head);
+        memcpy(file + 20, json, sizeof json - 1);
+        memcpy(file + 20 + padded, bin, sizeof bin);
+        memcpy(file + 28 + padded, &tetrahedron, sizeof tetrahedron);
+        if (prt_mesh_load_memory(&ctx, "a.glb", file, total, NULL, NULL, &m))
+            fail_msg("%u spaces: %s", spaces, lines);
+        assert_float_equal(volume(m), 1 / 6., 1e-6);
+        prt_mesh_destroy(m);
+    }
+}
+
 // A rotation turns and scales nothing, whatever the length of its quaternion: here a quarter
 // turn about z.
 static void rotations_keep_lengths(void **state)
@@ -343,6 +372,13 @@ static void materials_decide(void **state)
     prt_mesh_destroy(m);
     options.opaque = nobody;
     assert_int_equal(load_text(plain, &options, &m), PRT_ARG);
+    // each name is one of the model's, not any of them
+    for (int i = 0; i < 2; i++) {
+        const char *const one_wrong[] = {i ? "floor" : "nobody", i ? "nobody" : "floor", NULL};
+        options.opaque = one_wrong;
+        assert_int_equal(load_text(plain, &options, &m), PRT_ARG);
+        assert_non_null(strstr(lines, "\"nobody\""));
+    }
     assert_non_null(strstr(lines, "nobody"));
 }
 
@@ -933,6 +969,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nodes_make_objects),
         cmocka_unit_test(rotations_keep_lengths),
+        cmocka_unit_test(uncounted_padding_of_a_glb),
         cmocka_unit_test(normals_are_angle_weighted),
         cmocka_unit_test(opposite_windings_are_told),
         cmocka_unit_test(mirrored_normals_point_out),
