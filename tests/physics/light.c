@@ -479,6 +479,33 @@ static void cube_and_latlong_there_and_back(void **state)
     prt_image_finish(&im);
 }
 
+/* Law: cube to lat-long keeps the power of each channel (METHODS §2): lamps of one texel, a red
+ * one on the upper face, a green one on a side, a blue one in a corner of the lower face. */
+static void latlong_keeps_every_channel(void **state)
+{
+    enum { N = 12, W = 50, H = 25 };
+    static const uint32_t lamp[3] = {2 * N * N + 3 * N + 7, 4 * N * N + 5 * N + 2, 3 * N * N};
+    struct prt_cube cube;
+    struct prt_image im;
+    double want[3] = {0}, got[3] = {0};
+    assert_int_equal(prt_cube_init(&cube, N), 0);
+    memset(cube.texel, 0, 6 * N * N * 3 * sizeof(float));
+    for (uint32_t c = 0; c < 3; c++) {
+        cube.texel[lamp[c] * 3 + c] = 100;
+        want[c] = 100 * prt_cube_solid_angle(N, lamp[c] % N, lamp[c] / N % N);
+    }
+    assert_int_equal(prt_cube_to_latlong(&ctx, &cube, W, H, &im), 0);
+    for (int i = 0; i < W * H; i++) {
+        const double up = cos(PI * (i / W) / H), low = cos(PI * (i / W + 1.0) / H);
+        for (int c = 0; c < 3; c++)
+            got[c] += (up - low) * 2 * PI / W * (double)im.rgb[i * 3 + c];
+    }
+    for (int c = 0; c < 3; c++)
+        expect_near("power of one channel over the cube's", got[c] / want[c], 1, 1e-6);
+    prt_cube_finish(&cube);
+    prt_image_finish(&im);
+}
+
 /* Contract of prt_env_to_cube: equal bits for any number of threads; C agrees with vector code.
  */
 static void threads_and_isa_agree(void **state)
@@ -532,6 +559,7 @@ int main(void)
         cmocka_unit_test(layouts_agree),
         cmocka_unit_test(quarter_turns_map_faces),
         cmocka_unit_test(cube_and_latlong_there_and_back),
+        cmocka_unit_test(latlong_keeps_every_channel),
         cmocka_unit_test(threads_and_isa_agree),
         cmocka_unit_test(nonsense_is_refused),
     };
