@@ -13,6 +13,7 @@
 
 #include "bodies.h"
 #include "expect.h"
+#include "bake/horizon_places.h"
 #include "bake/path_integral.h"
 #include "bake/stages.h"
 #include "prt/radial.h"
@@ -354,6 +355,62 @@ static void short_steps_of_long_paths(void **state)
     prt_radial_destroy(radial);
 }
 
+static double area_of(const float *a, const float *b, const float *c)
+{
+    double n[3];
+    for (int k = 0; k < 3; k++) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        n[k] = (double)(b[i] - a[i]) * (double)(c[j] - a[j]) -
+               (double)(b[j] - a[j]) * (double)(c[i] - a[i]);
+    }
+    return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
+}
+
+// Law: of a triangle in 4^L parts the three places around a point are the corners of one part,
+// which holds the point, and a place has a unit normal (METHODS §3.2).
+static void places_are_corners_of_the_part(void **state)
+{
+    struct prt_mesh *mesh = fluted(8);
+    struct horizon_places p;
+    struct prt_rng rng;
+    unsigned divided = 0;
+    prt_rng_init(&rng, 3, 0);
+    assert_int_equal(
+        prt_horizon_places_create(mesh, 0.02 * prt_mesh_diagonal(mesh), 1 << 20, &p), PRT_OK);
+    for (uint32_t t = 0; t < mesh->n_triangle; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        const double all =
+            area_of(mesh->position[v[0]], mesh->position[v[1]], mesh->position[v[2]]);
+        if (p.level[t] == UINT8_MAX || !(all > 1e-6)) continue;
+        divided += p.level[t] > 1;
+        for (int i = 0; i < 40; i++) {
+            const float a = prt_rng_f32(&rng), b = prt_rng_f32(&rng);
+            const float u = a + b > 1 ? 1 - a : a, w = a + b > 1 ? 1 - b : b;
+            float at[3], unused[2][3];
+            const float *corner[3], *normal;
+            uint32_t around[3];
+            assert_true(prt_horizon_places_around(&p, t, u, w, around));
+            for (int k = 0; k < 3; k++) {
+                prt_horizon_place(&p, around[k], &corner[k], &normal);
+                expect_near(
+                    "length of a place's normal",
+                    hypot(hypot((double)normal[0], (double)normal[1]), (double)normal[2]), 1,
+                    1e-5);
+            }
+            place(mesh, t, u, w, at, unused[0], unused[1]);
+            const double part = area_of(corner[0], corner[1], corner[2]);
+            expect_close("area of a part times 4^L", part * (1 << 2 * p.level[t]), all, 1e-3);
+            expect_close("areas about a point of the part",
+                         area_of(at, corner[1], corner[2]) + area_of(corner[0], at, corner[2]) +
+                             area_of(corner[0], corner[1], at),
+                         part, 5e-3);
+        }
+    }
+    assert_true(divided > mesh->n_triangle / 4);
+    prt_horizon_places_finish(&p);
+    prt_mesh_destroy(mesh);
+}
+
 int main(void)
 {
     prt_context_init(&context);
@@ -362,6 +419,7 @@ int main(void)
         cmocka_unit_test(certain_bins_are_certain),
         cmocka_unit_test(the_bytes_allowed_are_used),
         cmocka_unit_test(short_steps_of_long_paths),
+        cmocka_unit_test(places_are_corners_of_the_part),
     };
     return run_physics_tests(tests, NULL, NULL);
 }
