@@ -8,7 +8,9 @@
 #include <cmocka.h>
 
 #include "core/log.h"
+#include "core/log_format.h"
 
+#include <cjson/cJSON.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -190,11 +192,43 @@ static void the_level_changes_while_threads_log(void **state)
     pthread_join(thread, NULL);
 }
 
+// A line that does not fit ends early: its fields are those of the whole line, in their order,
+// the last one cut between two characters.
+static void lines_that_do_not_fit(void **state)
+{
+    static const char text[] =
+        "2026-01-02T03:04:05Z warning two words \xe2\x80\xa6 "
+        "name=\"gr\xc3\xbc\xc3\x9f\x65 \\\"\xe2\x80\xa6\xf0\x9f\x90\x9f\\\" "
+        "\\\\ \\x1b\\\\\" path=\xe2\x80\xa6\xc3\xbc/\xc3\xbc n=12";
+    char all[400], out[400];
+    size_t whole = log_reformat(LOG_FORMAT_JSON, text, sizeof text - 1, all, sizeof all), n = 0;
+    cJSON *want = cJSON_ParseWithLength(all, whole);
+    assert_int_equal(cJSON_GetArraySize(want), 6);
+    for (size_t room = 80; n < whole; room++) {
+        memset(out, '#', sizeof out);
+        n = log_reformat(LOG_FORMAT_JSON, text, sizeof text - 1, out, room);
+        assert_true(n < room && out[room] == '#');
+        cJSON *got = cJSON_ParseWithLength(out, n);
+        if (!got) fail_msg("no JSON: %.*s", (int)n, out);
+        const cJSON *w = want->child;
+        for (const cJSON *g = got->child; g; g = g->next, w = w->next) {
+            size_t length = strlen(g->valuestring);
+            assert_string_equal(g->string, w->string);
+            assert_memory_equal(g->valuestring, w->valuestring, length);
+            if (g->next) assert_int_equal(length, strlen(w->valuestring));
+            else assert_true((w->valuestring[length] & 0xc0) != 0x80);
+        }
+        cJSON_Delete(got);
+    }
+    cJSON_Delete(want);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(arguments_are_escaped),
         cmocka_unit_test(conversions_match_printf),
+        cmocka_unit_test(lines_that_do_not_fit),
         cmocka_unit_test(one_call_site_cannot_flood),
         cmocka_unit_test(a_site_recovers),
         cmocka_unit_test(a_full_pipe_does_not_block),

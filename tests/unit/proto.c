@@ -141,6 +141,43 @@ static void decode_in_pieces(void **state)
     free(all);
 }
 
+// Refuses the payloads of even numbers.
+static bool admit_odd(void *user, const struct relight_frame *frame)
+{
+    unsigned *n = user;
+    return ++*n % 2;
+}
+
+// A refused payload is read over; the one after it is whole.
+static void refused_payloads(void **state)
+{
+    size_t size;
+    uint8_t *all = stream(&size);
+    for (size_t piece = 1; piece <= size; piece = 7 * piece) {
+        unsigned seen = 0, n_payload = 0, asked = 0;
+        struct relight_decoder d;
+        relight_decoder_init(&d, &limits);
+        d.admit = admit_odd;
+        d.admit_user = &asked;
+        for (size_t at = 0, used; at < size; at += used) {
+            size_t n = size - at < piece ? size - at : piece;
+            if (!relight_decoder_feed(&d, all + at, n, &used)) continue;
+            const struct vector *v = vectors + seen++;
+            assert_int_equal(d.frame.id, v->frame.id);
+            if (!v->frame.payload_size) continue;
+            uint8_t *payload = relight_decoder_take(&d);
+            assert_int_equal(d.refused, ++n_payload % 2 == 0);
+            if (d.refused) assert_null(payload);
+            else assert_memory_equal(payload, v->payload, v->frame.payload_size);
+            free(payload);
+        }
+        assert_int_equal(seen, n_vector);
+        assert_true(n_payload > 2 && asked == n_payload);
+        relight_decoder_finish(&d);
+    }
+    free(all);
+}
+
 static int decode_changed(size_t at, const void *bytes, size_t n)
 {
     size_t size, used;
@@ -319,6 +356,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(encode_exact),
         cmocka_unit_test(decode_exact),
         cmocka_unit_test(decode_in_pieces),
+        cmocka_unit_test(refused_payloads),
         cmocka_unit_test(refuses),
         cmocka_unit_test(whole_message_lengths),
         cmocka_unit_test(space_around_a_packed_frame),
