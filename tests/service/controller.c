@@ -293,6 +293,44 @@ static void mapping_file(void **state)
     end_room();
 }
 
+static uint64_t room_sequence(void)
+{
+    struct relight_error error;
+    struct relight_room_info info;
+    char *text;
+    OK(relight_room_state(client, room, &text, &info, &error));
+    free(text);
+    return info.sequence;
+}
+
+// Undo right after a movement takes back this movement, not the change before it.
+static void undo_of_what_still_moves(void **state)
+{
+    static const char text[] =
+        "{\"devices\": [{\"vendor\": \"1234\", \"product\": \"abcd\", \"map\": ["
+        "{\"control\": \"dial\", \"target\": \"light.azimuth\", \"scale\": 0.5},"
+        "{\"control\": \"button1\", \"target\": \"undo\"}]}]}";
+    const uint8_t first[4] = {40}, second[4] = {60}, pressed[4] = {0, 0, 0, 1};
+    char file[128];
+    begin_room(20);
+    snprintf(file, sizeof file, "%s/map.json", d.folder);
+    write_text(file, text);
+    struct mock_device *device = mock_plug(&knob);
+    start_control((const char *[]){room, "--mapping", file, NULL});
+    expect_says("HID device (1234:abcd): connected");
+    uint64_t before = room_sequence();
+    mock_report(device, first, sizeof first);
+    expect_light("rotate_deg", NULL, 30, 1e-3);
+    sleep_ms(1200); // a step of its own for undo
+    mock_report(device, second, sizeof second);
+    mock_report(device, pressed, sizeof pressed);
+    for (int i = 0; i < PATIENCE && room_sequence() < before + 3; i++) sleep_ms(20);
+    assert_int_equal(room_sequence(), before + 3); // two changes and the undo
+    assert_float_equal(light_value("rotate_deg", NULL), 30, 1e-3);
+    assert_int_equal(end_control(NULL), 0);
+    end_room();
+}
+
 // Another person's change is where the next count begins; a viewer may not turn the light.
 static void others_turn_it_too(void **state)
 {
@@ -731,6 +769,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_teardown(powermate_turns_a_room, stop_all),
         cmocka_unit_test_teardown(spacemouse_turns_a_room, stop_all),
         cmocka_unit_test_teardown(mapping_file, stop_all),
+        cmocka_unit_test_teardown(undo_of_what_still_moves, stop_all),
         cmocka_unit_test_teardown(others_turn_it_too, stop_all),
         cmocka_unit_test_teardown(undo_of_others_meanwhile, stop_all),
         cmocka_unit_test_teardown(powermate_turns_a_view, stop_all),
