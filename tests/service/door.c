@@ -5,6 +5,7 @@
 #include "daemon.h"
 
 #include "core/options.h"
+#include "frame.h"
 #include "net/web_access.h"
 
 #include <arpa/inet.h>
@@ -700,6 +701,71 @@ static void test_websocket_message_in_time(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+static void read_whole(int fd, void *out, size_t n)
+{
+    bool closed;
+    assert_int_equal(raw_read(fd, out, n, 20000, &closed), n);
+}
+
+// One message of the daemon, in as many fragments as it comes. Returns its bytes.
+static size_t ws_read_message(int fd, uint8_t *out, size_t room)
+{
+    size_t n = 0;
+    for (bool first = true, last = false; !last; first = false) {
+        uint8_t head[10];
+        read_whole(fd, head, 2);
+        size_t more = head[1] == 127 ? 8 : head[1] == 126 ? 2 : 0, size = more ? 0 : head[1];
+        read_whole(fd, head + 2, more);
+        for (size_t i = 0; i < more; i++) size = size << 8 | head[2 + i];
+        assert_int_equal(head[0] & 0x0f, first ? 2 : 0);
+        assert_true(size <= room - n);
+        read_whole(fd, out + n, size);
+        n += size;
+        last = head[0] & 0x80;
+    }
+    return n;
+}
+
+// A large WebSocket message comes in pieces, of one frame of the protocol all the same; so does
+// its answer: PING gives the payload back.
+static void test_websocket_large_message(void **state)
+{
+    enum { PAYLOAD = 65536, ROOM = PAYLOAD + 400 };
+    const char *const extra[] = {"--http", "127.0.0.1:0", NULL};
+    daemon_start(&d, extra);
+    uint8_t hello[64], *frame, *answer = malloc(ROOM);
+    size_t size;
+    int fd = carrier_connect(WEBSOCKET);
+    ws_send(fd, 0x82, hello, hello_frame(hello));
+    ws_read_message(fd, answer, ROOM);
+    struct relight_frame ping = {.type = RELIGHT_TYPE_PING,
+                                 .flags = RELIGHT_FRAME_LAST,
+                                 .id = 2,
+                                 .payload_size = PAYLOAD},
+                         pong;
+    assert_int_equal(relight_frame_pack(&ping, NULL, 14, PAYLOAD, &frame, &size), 0);
+    for (int i = 0; i < PAYLOAD; i++) frame[14 + size + (size_t)i] = (uint8_t)(i * 7 + i / 256);
+    size += PAYLOAD;
+    uint8_t head[14] = {0x82, 0x80 | 127};
+    for (int i = 0; i < 8; i++) head[9 - i] = (uint8_t)(size >> 8 * i);
+    memcpy(frame, head, sizeof head);
+    for (size_t sent = 0; sent < size + 14;) {
+        ssize_t n = write(fd, frame + sent, size + 14 - sent);
+        assert_true(n > 0);
+        sent += (size_t)n;
+    }
+    size_t n = ws_read_message(fd, answer, ROOM);
+    static const struct relight_frame_limits limits = {1 << 10, PAYLOAD, false};
+    assert_int_equal(relight_frame_parse(answer, n, &limits, &pong), 0);
+    assert_int_equal(pong.id, 2);
+    assert_int_equal(pong.payload_size, PAYLOAD);
+    assert_memory_equal(pong.payload, frame + 14 + size - PAYLOAD, PAYLOAD);
+    free(answer);
+    free(frame);
+    close(fd);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // The kernel's timer of a connected socket of the daemon: 2 is keepalive.
 static int socket_timer(int local_port, int remote_port, unsigned *hundredths)
 {
@@ -873,6 +939,7 @@ int main(void)
         cmocka_unit_test_teardown(test_websocket_header_in_time, after_each),
         cmocka_unit_test_teardown(test_websocket_flood, after_each),
         cmocka_unit_test_teardown(test_websocket_message_in_time, after_each),
+        cmocka_unit_test_teardown(test_websocket_large_message, after_each),
         cmocka_unit_test_teardown(test_keepalive, after_each),
         cmocka_unit_test_teardown(test_out_of_descriptors, after_each),
         cmocka_unit_test_teardown(test_limit_on_open_files, after_each),

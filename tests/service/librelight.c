@@ -326,6 +326,26 @@ static void unloaded(void **state)
     free(colors_of(&white, 1, false, RELIGHT_COLOR_F16, NULL));
 }
 
+// A medium in numbers: sigma_t = sigma_s' / (1 - g) + sigma_a and 1 / (sigma_s' + sigma_a),
+// each channel with its own g.
+static void medium(void **state)
+{
+    static const char text[] = "{\"sigma_s_prime\":[2,1,0.5],\"sigma_a\":[0.1,0.2,0.4],"
+                               "\"g\":[0,0.5,0.8],\"eta\":1.4}";
+    static const double g[3] = {0, .5, .8}, sigma_t[3] = {2.1, 2.2, 2.9},
+                        path[3] = {1 / 2.1, 1 / 1.2, 1 / .9};
+    struct relight_medium m;
+    CALL(relight_material(client, text, &m, &error));
+    for (int c = 0; c < 3; c++) {
+        assert_float_equal(m.g[c], g[c], 1e-6);
+        assert_float_equal(m.sigma_t[c], sigma_t[c], 1e-5);
+        assert_float_equal(m.mean_free_path_mm[c], path[c], 1e-5);
+        assert_true(m.reflectance[c] > 0 && m.reflectance[c] < (c ? m.reflectance[c - 1] : 1));
+    }
+    assert_false(m.profile);
+    relight_medium_finish(&m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -334,6 +354,7 @@ int main(void)
         cmocka_unit_test(refusals),        cmocka_unit_test(view_latest_wins),
         cmocka_unit_test(view_of_colors),  cmocka_unit_test(geometry),
         cmocka_unit_test(info_list_stats), cmocka_unit_test(unloaded),
+        cmocka_unit_test(medium),
     };
     return cmocka_run_group_tests_name("librelight", tests, start, stop);
 }

@@ -676,6 +676,27 @@ static void test_answer_beyond_the_send_buffer(void **state)
     end();
 }
 
+// Requests that were read before the answers to others filled the send buffer are answered once
+// these were read.
+static void test_requests_behind_a_full_buffer(void **state)
+{
+    enum { N = 1500 }; // less than is read at once, and more than a turn of the loop answers
+    static const char *const extra[] = {"--send-buffer", "1M", NULL};
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    Relight__StatsRequest stats = RELIGHT__STATS_REQUEST__INIT;
+    for (uint64_t id = 2; id < N + 2; id++)
+        frames_add(f, RELIGHT_TYPE_STATS, id, &stats.base, NULL, 0);
+    frames_send(f);
+    for (int i = 0; i < 1000 && held(client, "output") <= 1 << 20; i++) sleep_ms(10);
+    assert_true(held(client, "output") > 1 << 20);
+    assert_int_equal(frames_wait(f, N + 1).code, 0);
+    frames_close(f);
+    relight_close(client);
+    end();
+}
+
 // The connection ends while its answers are made; the daemon goes on.
 static void ends(struct frames *f)
 {
@@ -983,6 +1004,7 @@ int main(void)
         cmocka_unit_test_teardown(test_largest_output_is_closed, teardown),
         cmocka_unit_test_teardown(test_reader_that_stays_behind, teardown),
         cmocka_unit_test_teardown(test_answer_beyond_the_send_buffer, teardown),
+        cmocka_unit_test_teardown(test_requests_behind_a_full_buffer, teardown),
         cmocka_unit_test_teardown(test_closed_by_one_of_many_answers, teardown),
         cmocka_unit_test_teardown(test_closed_by_one_light_of_a_pass, teardown),
         cmocka_unit_test_teardown(test_headers_that_unpack_to_much, teardown),

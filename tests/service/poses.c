@@ -141,6 +141,27 @@ static void two_people_and_their_poses(void **state)
     end();
 }
 
+// A pose of a part of another one keeps the rest of it, with its normals.
+static void a_part_of_a_pose(void **state)
+{
+    begin_with_model(NULL);
+    struct relight_client *a = client_open(d.address);
+    struct relight_error error;
+    char base[65], part[65], whole[65];
+    float moved[N][3], normal[N][3];
+    scaled(2, moved);
+    for (int i = 0; i < N; i++) memcpy(normal[i], (const float[3]){0, i - 2.5f, 2}, 12);
+    OK(relight_put_pose(a, model, NULL, 0, N, moved[0], normal[0], false, base, &error));
+    moved[4][0] += 1;
+    normal[4][2] = 7;
+    OK(relight_put_pose(a, model, base, 4, 1, moved[4], normal[4], false, part, &error));
+    OK(relight_put_pose(a, model, NULL, 0, N, moved[0], normal[0], false, whole, &error));
+    assert_string_equal(part, whole);
+    assert_string_not_equal(part, base);
+    relight_close(a);
+    end();
+}
+
 static void poses_have_a_limit(void **state)
 {
     enum { EACH = N * 24 + 500 }; // a pose costs some hundred bytes beside its vertices
@@ -328,6 +349,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(two_people_and_their_poses, teardown),
+        cmocka_unit_test_teardown(a_part_of_a_pose, teardown),
         cmocka_unit_test_teardown(poses_have_a_limit, teardown),
         cmocka_unit_test_teardown(poses_that_are_refused, teardown),
         cmocka_unit_test_teardown(vertices_with_a_precondition, teardown),

@@ -168,23 +168,27 @@ static void test_reload(void **state)
     write_text(token, "second\n");
     snprintf(text, sizeof text,
              "token-file = %s\nlog = trace\nqueue = 5000\nhosts = new.example\nrequests = 9\n"
-             "threads = 3\nbakes = 2\n",
+             "threads = 3\nbakes = 2\nlog-access = event\n",
              token);
     write_text(config, text);
     assert_int_equal(kill(d.pid, SIGHUP), 0);
-    assert_true(log_says(&d, "reload done changed=4 needs_restart=2", 5000));
+    assert_true(log_says(&d, "reload done changed=5 needs_restart=2", 5000));
     static const char *const words[] = {
         "reload option=token value=\"(secret)\"",
         "reload option=log value=\"trace\"",
         "reload option=queue value=\"5000\"",
         "reload option=hosts value=\"new.example\"",
+        "reload option=log-access value=\"event\"",
         "reload option=threads: the new value \"3\" needs a restart",
         "reload option=bakes: the new value \"2\" needs a restart"};
     for (size_t i = 0; i < sizeof words / sizeof *words; i++)
         if (!log_says(&d, words[i], 0)) fail_msg("the log does not say: %s", words[i]);
     assert_int_equal(count_in_log("second"), 0); // a secret
     double seconds;
+    assert_int_equal(count_in_log(" event access "), 0);
     OK(relight_ping(client, &seconds, &error)); // who is in stays in
+    assert_true(
+        log_says(&d, " event access request=", 5000)); // requests are logged as it says now
     relight_close(client);
     assert_int_equal(say_hello_with("first"), -RELIGHT_E_FORBIDDEN);
     assert_int_equal(say_hello_with("second"), 0);

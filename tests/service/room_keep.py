@@ -280,6 +280,9 @@ def check_poses():
         expect(first[0] != first[1], 'the pose is not drawn')
         expect(os.path.exists('posed/blobs/' + pose), 'the pose is not on the disk')
         expect(not os.path.exists('posed/blobs/' + other), 'a pose that no room names is on the disk')
+        held = json.loads(relight('stats', '--json').stdout)['relightd_resource_held{resource="payload"}']
+        # A request holds some bytes of its own.
+        expect(held < os.path.getsize('posed/blobs/' + pose), 'a kept pose stays charged as a payload: %s bytes' % held)
     with daemon(*options):
         expect(shown(bent, 'again.png') == first[1], 'other bytes of the posed pin after a restart')
         expect(shown(straight, 'again.png') == first[0], 'other bytes of the straight pin after a restart')
