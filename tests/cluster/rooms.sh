@@ -39,6 +39,8 @@ for i in 1 2 3; do ask "unix:$T/one.s" room reply "$room" 2 "reply $i" || wrong 
 ask "unix:$T/one.s" room create second --model ball --env constant || wrong create
 ask "unix:$T/one.s" room show "$room" --json || wrong show
 cp out before
+ask "unix:$T/one.s" room list --json || wrong "room list"
+cp out list
 stop
 rooms=$RELIGHT_TEST_POSTGRES
 "$bin/relightd" --copy-rooms sqlite:one/rooms.sqlite --rooms "$rooms" >out 2>&1 || wrong "copy to PostgreSQL"
@@ -54,9 +56,12 @@ start b --rooms "$rooms" --store "$T/shared"
 for r in a b; do
     ask "unix:$T/$r.s" room show "$room" --json || wrong "show by $r"
     cmp -s out before || wrong "another room by $r"
+    ask "unix:$T/$r.s" room list --json || wrong "room list by $r"
+    cmp -s out list || wrong "another list of rooms by $r"
 done
 start c --rooms sqlite:back.sqlite
 ask "unix:$T/c.s" room show "$room" --json && cmp -s out before || wrong "another room after the way back"
+ask "unix:$T/c.s" room list --json && cmp -s out list || wrong "another list of rooms after the way back"
 stop
 echo "rooms went to PostgreSQL and back"
 
@@ -67,11 +72,17 @@ until_true 3 ask "$(tcp b)" models -k "$token" || wrong "b does not know the tok
 ask "$(tcp b)" models && wrong "b takes clients without a token"
 ask "$(tcp b)" models -k "${token}x" && wrong "b takes any token"
 ask "unix:$T/b.s" token list && grep -q ann out || wrong "b's list of tokens"
+"$bin/relight" -s "$(tcp b)" -k "$token" events --follow >events.out 2>&1 </dev/null &
+pids+=($!)
+open=$!
+until_true 10 eval 'ask "unix:$T/b.s" token list --json && grep -q "\"connections\":1" out' ||
+    wrong "b counts no connection of the token"
 ask "unix:$T/a.s" token revoke ann || wrong "token revoke"
 begin=$(date +%s%N)
 until_true 3 eval '! ask "$(tcp b)" models -k "$token"' || wrong "b takes a revoked token"
 ms=$((($(date +%s%N) - begin) / 1000000))
 [ $ms -lt 1000 ] || wrong "b refused the revoked token after $ms ms"
+until_true 5 eval '! kill -0 $open 2>/dev/null' || wrong "b keeps a connection of the revoked token"
 echo "a token of one replica is the other's; revoked, it is refused there after $ms ms"
 
 # ---- invitations

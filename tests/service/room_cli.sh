@@ -93,6 +93,24 @@ for layout in side:196x64 wipe:96x64 delta:96x64; do
     expect 0 room compare "$room" 1 3 --layout ${layout%:*} -o layout.png
     [ "$(size layout.png)" = ${layout#*:} ] || fail "${layout%:*} is $(size layout.png)"
 done
+# The second picture has the size of the first, whatever size its scene has.
+expect 0 room create sizes --model small --env constant --size 96x64
+expect 0 room save sizes
+expect 0 room scene sizes --size 40x30
+expect 0 room save sizes
+expect 0 room compare sizes 1 2 --layout side -o layout.png
+[ "$(size layout.png)" = 196x64 ] || fail "pictures of two sizes are $(size layout.png)"
+# Each light has its own turn and gain; one that comes once is that of all.
+lights() {
+    expect 0 room scene sizes --env constant --env constant:1,0,0 "${@:2}"
+    expect 0 room show sizes --json
+    python3 -c 'import json, sys
+print([(l.get("rotate_deg", 0), *(l["gain"][k] for k in "xyz")) for l in json.load(open("out"))["scene"]["lights"]])' >lights
+    [ "$(cat lights)" = "$1" ] || fail "$(cat lights) are not the lights of ${*:2}"
+}
+lights '[(0, 2, 2, 2), (0, 3, 4, 5)]' --gain 2 --gain 3,4,5
+lights '[(10, 2, 2, 2), (20, 2, 2, 2)]' --rotate 10 --rotate 20 --gain 2
+lights '[(10, 2, 2, 2), (10, 3, 3, 3)]' --rotate 10 --gain 2 --gain 3
 expect 2 room compare "$room" one && says "a revision's number"
 expect 1 room compare "$room" 99 && says 'no such pin, decision or revision'
 expect 0 room undo "$room"
