@@ -914,18 +914,38 @@ const scenarios = {
         "progress",
       ]);
       assert.equal(found.azimuth, 77);
-      // Without an attribute of its own the camera stays where hands put it.
+      // The camera and the light stay where hands put them until their own attributes change.
       const stays = await page.evaluate(() => {
         const one = document.querySelector("relight-viewer");
-        one.removeAttribute("camera-orbit");
+        const told = [];
+        one.addEventListener("light-change", ({ detail }) => told.push(detail));
+        const now = () => {
+          one.turnLight(0);
+          return [one.cameraOrbit.azimuth, told.at(-1).rotate, told.at(-1).tilt];
+        };
+        one.setAttribute("rotate", "20");
         one.cameraOrbit = { ...one.cameraOrbit, azimuth: 50 };
+        one.turnLight(30, 5);
         one.setAttribute("exposure", "1");
-        return [one.cameraOrbit.azimuth, one.state.exposure];
+        const states = [[...now(), one.state.exposure]];
+        one.setAttribute("rotate", "70");
+        states.push(now());
+        one.setAttribute("camera-orbit", "10deg 20deg");
+        states.push(now());
+        one.removeAttribute("camera-orbit");
+        states.push(now());
+        return states;
       });
-      assert.deepEqual(stays, [50, 1]);
+      assert.deepEqual(stays, [
+        [50, 50, 5, 1],
+        [50, 70, 5],
+        [10, 70, 5],
+        [10, 70, 5],
+      ]);
       // The picture before the model is of the variant.
       const before = await page.evaluate(async () => {
         const one = document.querySelector("relight-viewer");
+        one.setAttribute("tilt", "0"); // HTTP tilts no light
         one.setAttribute("model", "variants.prt");
         const pictures = [];
         for (const variant of ["", "day"]) {

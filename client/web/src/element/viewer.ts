@@ -153,7 +153,7 @@ export class RelightViewerElement extends HTMLElement {
       cancelAnimationFrame(this.turning);
       if (this.hasAttribute("auto-rotate")) this.turn();
     } else {
-      this.readAttributes();
+      this.readAttributes(name);
       this.client.lookAt(this.state.model);
       this.viewer?.show(this.state);
     }
@@ -226,14 +226,19 @@ export class RelightViewerElement extends HTMLElement {
     return Number.isFinite(x) ? x : otherwise;
   }
 
-  private readAttributes(): void {
+  /** changed: the attribute that did; without it all are read. The light and the camera, which
+   * hands turn as well, follow their own attributes alone, and the camera a new model. */
+  private readAttributes(changed?: string): void {
     const word = (name: string) => this.getAttribute(name) ?? "";
+    const anew = (name: string) => !changed || changed === name;
+    const held = this.state.lamps[0] ?? FIRST_LAMP;
+    const orbits = this.hasAttribute("camera-orbit") && (anew("camera-orbit") || anew("model"));
     const rgb = word("background").split(",").map(Number);
     const k = Math.max(0, this.number("intensity", 1));
     const lamp: LampState = {
       env: word("environment") || FIRST_LAMP.env,
-      rotate: this.number("rotate", 0),
-      tilt: this.number("tilt", 0),
+      rotate: anew("rotate") ? this.number("rotate", 0) : held.rotate,
+      tilt: anew("tilt") ? this.number("tilt", 0) : held.tilt,
       gain: [k, k, k],
     };
     const background = word("background");
@@ -252,10 +257,7 @@ export class RelightViewerElement extends HTMLElement {
           : rgb.length === 3 && rgb.every(Number.isFinite)
             ? (rgb as Vec3)
             : FIRST.background,
-      orbit:
-        this.hasAttribute("camera-orbit") || !this.shown
-          ? this.orbitOf(this.getAttribute("camera-orbit"))
-          : this.state.orbit,
+      orbit: orbits || !changed ? this.orbitOf(word("camera-orbit")) : this.state.orbit,
       compare: null,
     };
     const alt = word("alt") || word("model") || "3D model";
