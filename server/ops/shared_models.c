@@ -19,7 +19,8 @@
 
 enum { LOAD_MS = 600000, MOST_REPLICAS = 64, DAY_S = 86400 };
 static const double stale_s = 10;
-static const uint64_t least_gap_ns = 200000000; // between two looks that requests cause
+static const uint64_t least_gap_ns = 200000000;      // between two looks that requests cause
+static const uint64_t least_missing_ns = 1000000000; // of a record that is gone
 static const uint64_t again_ns =
     60000000000u; // between two tries to load what a dead one baked
 
@@ -34,6 +35,8 @@ struct record {
     enum record_state state;
     char *load; // hex digits
     bool seen;  // in the look that ended last
+    // When the first of the looks began that did not find it; 0: the last one did.
+    uint64_t missing_ns;
 };
 
 // Another replica, as long as one of its records is BAKING.
@@ -443,7 +446,7 @@ static bool serve(struct shared_models *s, struct shared_model_waiter *w)
         if (!strcmp(p->id, w->loading)) return false;
     if (w->loading[0] || models_find(s->server->models, w->asker, w->name, error)) return true;
     for (const struct record *r = s->record; r; r = r->next) {
-        if (!is_called(r, w->name) || is_here(s, r)) continue;
+        if (r->missing_ns || !is_called(r, w->name) || is_here(s, r)) continue;
         if (!repeat_load(s, r)) continue;
         strcpy(w->loading, r->id);
         return false;
@@ -476,7 +479,7 @@ static void serve_all(struct shared_models *s)
 static bool is_listed(const struct shared_models *s, const struct record *r)
 {
     bool wanted = is_foreign(r) ? r->state != RECORD_BAKING : r->state != RECORD_READY;
-    return wanted && !is_here(s, r);
+    return wanted && !r->missing_ns && !is_here(s, r);
 }
 
 size_t shared_models_list(const struct shared_models *s, size_t from, struct shared_listed *out,
@@ -520,10 +523,26 @@ static void adopt_orphans(struct shared_models *s)
         for (struct record *r = s->record; r && s->look.peer[i].dead; r = r->next) {
             uint64_t now = loop_now_ns();
             if (r->state != RECORD_BAKING || strcmp(r->replica, s->look.peer[i].run) ||
-                is_here(s, r) || (r->tried_ns && now - r->tried_ns < again_ns))
+                r->missing_ns || is_here(s, r) || (r->tried_ns && now - r->tried_ns < again_ns))
                 continue;
             if (repeat_load(s, r)) r->tried_ns = now;
         }
+}
+
+static uint64_t poll_ns(const struct shared_models *s)
+{
+    double poll = s->server->options.store_poll;
+    return (uint64_t)((poll > .2 ? poll : .2) * 1e9);
+}
+
+// On NFS a record that another machine replaces can be missing for a moment (object_write), so
+// that one look without it says nothing.
+static bool is_gone(const struct shared_models *s, struct record *r)
+{
+    const uint64_t patience = poll_ns(s) > least_missing_ns ? poll_ns(s) : least_missing_ns;
+    if (r->seen) r->missing_ns = 0;
+    else if (!r->missing_ns) r->missing_ns = s->started_ns;
+    return r->missing_ns && s->started_ns - r->missing_ns >= patience;
 }
 
 static void take_look(struct shared_models *s)
@@ -536,7 +555,7 @@ static void take_look(struct shared_models *s)
         else if (r) r->seen = true;
     }
     for (struct record **at = &s->record, *r; (r = *at);) {
-        if (r->seen) {
+        if (!is_gone(s, r)) {
             at = &r->next;
             continue;
         }
@@ -569,8 +588,7 @@ static void look_done(struct work *work)
     if (!look->err) take_look(s);
     forget_look(look);
     serve_all(s);
-    double poll = s->server->options.store_poll;
-    look_now(s, s->started_ns + (uint64_t)((poll > .2 ? poll : .2) * 1e9));
+    look_now(s, s->started_ns + poll_ns(s));
     for (const struct shared_model_waiter *w = s->waiter; w; w = w->next)
         if (!w->loading[0]) look_now(s, s->started_ns + least_gap_ns);
 }

@@ -7,7 +7,8 @@
  *       one of another version   -> the same: this replica bakes one of its own, and answers
  *                                   with it also under the other's id
  *       one whose replica died   -> its LOAD is repeated here: the bake goes on
- *       a record that is gone    -> somebody unloaded the model: it goes here, too
+ *       a record that is gone    -> somebody unloaded the model: it goes here, too, when the
+ *                                   record is missing for as long as the poll, at least 1 s
  *
  * shared_fetch.c holds requests back that name what is not here. Loop thread only. */
 #ifndef RELIGHTD_SHARED_MODELS_H

@@ -46,6 +46,29 @@ def each_serves_what_the_other_took(a, b, folder):
     print("each serves what the other took")
 
 
+def a_record_is_missing_for_a_moment(a, folder):
+    """On NFS a record that another machine replaces can be missing when a replica looks: nobody unloaded the model."""
+    c = Replica(folder, 3, more=("--store-poll", "60"))
+    try:
+        model = a.ask().load(model_file(folder, 5), size_mm=10, name="hidden", **BAKE)
+        want = c.ask().colors("hidden", "constant")
+        record = "%s/records/%s.json" % (shared_folder(folder, c.number), model)
+        for there, then in ((record, record + ".aside"), (record + ".aside", record)):
+            os.rename(there, then)
+            try:
+                c.ask().info("nobody")  # after a look at the folder
+                raise AssertionError("a model that nobody loaded")
+            except relight.RelightError as error:
+                assert error.code == "NOT_FOUND", error
+        assert np.array_equal(c.ask().colors("hidden", "constant"), want)
+        assert "was unloaded by another" not in c.log()
+        c.stop()
+    finally:
+        if c.process.poll() is None:
+            c.process.kill()
+            c.process.wait()
+
+
 def fifo_with_reader(path, seconds):
     """A descriptor to write to, once somebody reads."""
     def opened():
@@ -183,6 +206,7 @@ def main():
         each_serves_what_the_other_took(*replicas, folder)
         if "RELIGHT_TEST_MOUNTS" not in os.environ:
             what_is_fetched_for_a_forgotten_model_goes(*replicas, folder)
+        a_record_is_missing_for_a_moment(replicas[0], folder)
         a_bake_goes_on_where_its_replica_died(*replicas, folder)
         nothing_acknowledged_is_lost(replicas, folder, int(sys.argv[3]), random.Random(seed))
 
