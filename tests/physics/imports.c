@@ -548,8 +548,8 @@ static void colours_have_the_space_around_them(void **state)
     }
 }
 
-// Law: coefficients beyond what a medium may have are lowered together, which keeps the albedo
-// of each scattering (METHODS §10).
+// Law: where a coefficient is above its limit, scattering and absorption are scaled by one
+// factor, so that the albedo stays (METHODS §10).
 static void limits_keep_the_albedo(void **state)
 {
     static const char text[] =

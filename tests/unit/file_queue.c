@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The queue of file operations: their order, and what a removal leaves.
+// The queue of file operations runs them in order; a removed folder leaves nothing behind.
 #include "store/file_queue.h"
 
 #include <setjmp.h>

@@ -113,7 +113,8 @@ static void an_albedo_changes_by_channel(void **state)
         }
 }
 
-// Black is a factor of 0, and has none back; what is opaque in a bake stays so.
+// A variant may blacken an albedo, by the factor 0. No factor leads from a baked black to
+// another albedo, and an opaque part of a bake stays opaque.
 static void a_bake_limits_variants(void **state)
 {
     struct still s;

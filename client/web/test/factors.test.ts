@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the GPU is given to multiply.
+// Textures of factors and coefficients, which the GPU multiplies into colours.
 import { create } from "@bufbuild/protobuf";
 import type { Mesh, RawShaderMaterial, Scene, WebGLRenderer } from "three";
 import { expect, test } from "vitest";

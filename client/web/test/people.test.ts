@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What other people in a room do with this page: their hands move its scene, who leads takes its camera.
+// Other people of a room change this page: their hands move its scene, and its camera follows a leader.
 import { create, toBinary, type MessageInitShape } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import { fakeDaemon, tellState, turn } from "./fake-browser";
@@ -20,7 +20,7 @@ const lit = (rotateDeg: number) => ({
   lights: [{ env: "constant", rotateDeg, gain: { x: 1, y: 1, z: 1 } }],
 });
 const rotated = () => store.scene.value.lamps[0]?.rotate;
-/** What the daemon tells of people: of all of them, or of those that changed. */
+/** A message of the daemon about people: about all of them, or about those that changed. */
 function tellPeople(
   participants: MessageInitShape<typeof ParticipantSchema>[],
   isAll = false,

@@ -164,9 +164,8 @@ test("lights that were refused are sent whole with the next change", async () =>
 
 type Framed = (frame: { message: ViewFrame; payload: Uint8Array }) => void;
 const SLOW = { timeout: 60_000 }; // a busy machine
-// A daemon of a baked model of one triangle, whose factors are of one rank, and a stage that draws
-// nothing. gain: of the variant's albedo over the one that was baked. The color formats that the viewer
-// asks for, once there are n.
+// Returns the first n color formats that the viewer asks for. The daemon has a baked model of one
+// triangle with factors of rank 1; the stage draws nothing. gain: the variant's albedo over the baked one.
 async function formatsOf(gain: { x: number; y: number; z: number } | undefined, n: number) {
   const formats: unknown[] = [];
   const [sections, factors] = [new Uint8Array(84), new Uint8Array(84)];
