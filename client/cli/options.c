@@ -147,6 +147,8 @@ static const struct row {
      "millimetres in one unit of the model"},
     {'\22', "up", "AXIS", SPECIAL, 0, 0, 0, axes, 0,
      "the model's upward axis: y (default) or z, as scans and STL files often have it"},
+    {'6', "flip-v", NULL, FLAG, AT(load.flip_v), 0, 0, NULL, 0,
+     "the model's textures lie upside down (a face on the neck): v becomes 1 - v"},
     {'P', "transport", "KIND", WORD, AT(load.bake.transport), 0, 0, transports,
      RELIGHT_TRANSPORT_WAVELET, "wavelet, polynomial or joint"},
     {'R', "storage", "KIND", WORD, AT(load.bake.storage), 0, 0, storages,
@@ -283,7 +285,7 @@ const struct command commands[] = {
      "  relight load leaf.glb --size-mm 60 --material skin1 --scattering walk\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load sketch.glb --material marble --preview",
-     COMMON "DUm\22\11PRQLNCKAH97dXOMpwZerV\177", true, run_load},
+     COMMON "DUm6\22\11PRQLNCKAH97dXOMpwZerV\177", true, run_load},
     {"info", "ID",
      "Prints a model's geometry, bake and measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json",

@@ -175,6 +175,7 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
     m.opaque = (char **)(uintptr_t)load->opaque;
     m.pin = load->pin;
     m.up_z = load->up_z;
+    m.flip_v = load->flip_v;
     m.variant = relight_text(load->variant);
     m.preview = load->preview;
     m.no_draft = load->no_draft;

@@ -90,7 +90,7 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
                           .max_triangles = 100000000,
                           .n_uv = 1,
                           .max_bytes = r->max_bytes};
-    bool up_z = r->options && r->options->up_z;
+    bool up_z = r->options && r->options->up_z, flip_v = r->options && r->options->flip_v;
     if (r->options) {
         d.opaque = r->options->opaque;
         if (r->options->max_vertices) d.max_vertices = r->options->max_vertices;
@@ -110,6 +110,7 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
     if (!status && !d.n_triangle)
         status = prt_fail(ctx, PRT_FORMAT, "%s: has no triangles", r->name);
     if (!status) status = check_opaque(&d);
+    if (!status && flip_v) prt_draft_flip_v(&d);
     if (!status) prt_draft_place(&d, up_z);
     if (!status) status = prt_blob_pack(&d, out);
     prt_draft_finish(&d);

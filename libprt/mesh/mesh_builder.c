@@ -130,6 +130,18 @@ bool prt_draft_opaque(struct prt_draft *d, const char *name)
     return hit;
 }
 
+static void flip(float (*uv)[2], size_t n)
+{
+    for (size_t i = 0; i < n; i++) uv[i][1] = 1 - uv[i][1];
+}
+
+void prt_draft_flip_v(struct prt_draft *d)
+{
+    if (d->has_uv) flip(d->uv, d->n_vertex);
+    for (uint32_t k = 0; k + 1 < d->n_uv; k++) flip(d->uv_more[k], d->n_vertex);
+    if (d->corner_uv) flip(*d->corner_uv, 3 * (size_t)d->n_triangle);
+}
+
 void prt_draft_finish(struct prt_draft *d)
 {
     free(d->position);

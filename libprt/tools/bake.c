@@ -102,6 +102,7 @@ static char *provenance(const struct options *o)
     if (o->size_mm > 0) cJSON_AddNumberToObject(root, "size_mm", o->size_mm);
     if (o->mm_per_unit > 0) cJSON_AddNumberToObject(root, "mm_per_unit", o->mm_per_unit);
     if (o->up && !strcmp(o->up, "z")) cJSON_AddStringToObject(root, "up", o->up);
+    if (o->flip_v) cJSON_AddTrueToObject(root, "flip_v");
     if (o->env) {
         env = strrchr(o->env, '/');
         cJSON_AddStringToObject(root, "env", env ? env + 1 : o->env);

@@ -96,6 +96,9 @@ const struct option_row option_table[] = {
     {"up", 0, "AXIS", OPTION_WORD, AT(up), 0, 0, axes, BAKE | COLORS | IMAGE | INFO,
      "the model's upward axis (default y); z turns it, x,y,z becoming x,z,-y, as scans and STL "
      "files often need"},
+    {"flip-v", 0, NULL, OPTION_FLAG, AT(flip_v), 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
+     "the model's textures lie upside down (a face on the neck): v becomes 1 - v, as files need "
+     "whose v counts upwards although glTF's counts downwards"},
     {"transport", 0, "KIND", OPTION_WORD, AT(transport), 0, 0, transports, BAKE,
      "wavelet (default with --material): the light stays free after the bake; polynomial: the "
      "material stays free; joint (default without --material): both stay free"},

@@ -93,11 +93,11 @@ static int open_variant(struct tool *tool, struct source *source)
 static int open_prt(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
-    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque || o->up)
+    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque || o->up || o->flip_v)
         return usage_error(
             o,
             "%s is a .prt, which carries its own scale, axes and surfaces: leave "
-            "--size-mm, --mm-per-unit, --up and --opaque out",
+            "--size-mm, --mm-per-unit, --up, --flip-v and --opaque out",
             source->path);
     if (o->animation)
         return usage_error(o,
@@ -151,7 +151,8 @@ struct prt_mesh_options source_mesh_options(const struct options *o)
                                      .animation = o->animation,
                                      .variant = o->variant,
                                      .time_s = o->time_s,
-                                     .up_z = o->up && !strcmp(o->up, "z")};
+                                     .up_z = o->up && !strcmp(o->up, "z"),
+                                     .flip_v = o->flip_v};
 }
 
 static void log_errors(void *user, enum prt_log_level level, const char *line)

@@ -57,7 +57,7 @@ struct options {
         bump_mm, time_s, texture_split;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed, walks;
     uint64_t threads, msaa, quality, vertices, memory, checkpoint_room, cache_room;
-    bool memory_set, estimate, accept_weak_sandbox;
+    bool memory_set, flip_v, estimate, accept_weak_sandbox;
     uint32_t cube; /* 0: not given */
     bool cube_full;
     struct vector_option eye;

@@ -374,6 +374,7 @@ void decoder_model(struct decoder *decoder, const struct decode_model *m, decode
                       .size_mm = m->size_mm,
                       .mm_per_unit = m->mm_per_unit,
                       .up_z = m->up_z,
+                      .flip_v = m->flip_v,
                       .n_material = (uint32_t)m->n_material};
     snprintf(ask.variant, sizeof ask.variant, "%s", m->variant);
     for (size_t i = 0; i < m->n_material && n < MAX_WORD; i++) word[n++] = m->material[i];

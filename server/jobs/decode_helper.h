@@ -48,7 +48,7 @@ struct decode_model {
     const char *path, *name; /* errors call the file `name` */
     const char *out;         /* the .prt to write */
     double size_mm, mm_per_unit;
-    bool up_z;
+    bool up_z, flip_v;
     const char *variant; /* "": none */
     /* As --material of `prt bake`; objects without one have the file's own, else marble. */
     size_t n_material;

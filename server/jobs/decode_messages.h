@@ -31,7 +31,7 @@ struct ask {
     uint32_t model;  // enum asked
     char request[65]; // id of the request that it is for
     double size_mm, mm_per_unit, time_s;
-    uint32_t up_z, n_material;
+    uint32_t up_z, flip_v, n_material;
     char variant[64];
 };
 

@@ -186,6 +186,7 @@ static int read_model(const struct prt_context *ctx, const struct ask *ask, int 
     struct prt_mesh_options options = {.opaque =
                                            (const char *const *)word + 3 + ask->n_material,
                                        .up_z = ask->up_z != 0,
+                                       .flip_v = ask->flip_v != 0,
                                        .variant = ask->variant[0] ? ask->variant : NULL};
     struct prt_mesh *mesh = NULL;
     struct prt_media *media = NULL;

@@ -205,6 +205,7 @@ static const struct field load_fields[] = {
     {"material", "material", NULL},
     {"variant", "variant", NULL},
     {"up_z", "up_z", NULL},
+    {"flip_v", "flip_v", NULL},
     {"preview", "preview", NULL},
     {"no_draft", "no_draft", NULL},
     {"pin", "pin", NULL},

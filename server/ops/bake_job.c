@@ -58,6 +58,7 @@ static char *bake_recipe(const struct load *load)
     cJSON_AddNumberToObject(json, "size_mm", (double)r->size_mm);
     cJSON_AddNumberToObject(json, "mm_per_unit", (double)r->mm_per_unit);
     cJSON_AddBoolToObject(json, "up_z", r->up_z);
+    cJSON_AddBoolToObject(json, "flip_v", r->flip_v);
     cJSON_AddStringToObject(json, "variant", r->variant);
     add_strings(json, "opaque", r->opaque, r->n_opaque);
     for (unsigned i = 0; i < load->n_material; i++)
@@ -413,6 +414,7 @@ static void resume_preview(struct model *m, const char *folder, const cJSON *rec
         .size_mm = (double)number_of(recipe, "size_mm"),
         .mm_per_unit = (double)number_of(recipe, "mm_per_unit"),
         .up_z = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "up_z")),
+        .flip_v = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "flip_v")),
         .variant = text_of(recipe, "variant"),
         .n_material = n_material,
         .material = material,

@@ -46,6 +46,7 @@ static void add_placement(struct load_args *a, const Relight__LoadRequest *r)
     if (r->size_mm > 0) load_add_arg(a, "--size-mm=%.9g", (double)r->size_mm);
     if (r->mm_per_unit > 0) load_add_arg(a, "--mm-per-unit=%.9g", (double)r->mm_per_unit);
     if (r->up_z) load_add_arg(a, "--up=z");
+    if (r->flip_v) load_add_arg(a, "--flip-v");
     if (r->variant[0]) load_add_arg(a, "--variant=%s", r->variant);
     for (size_t i = 0; i < r->n_opaque; i++) load_add_arg(a, "--opaque=%s", r->opaque[i]);
 }
@@ -281,6 +282,7 @@ void load_order_preview(const struct load *load, struct model *m)
                                  .size_mm = r->size_mm,
                                  .mm_per_unit = r->mm_per_unit,
                                  .up_z = r->up_z,
+                                 .flip_v = r->flip_v,
                                  .variant = r->variant,
                                  .n_material = n,
                                  .material = material,

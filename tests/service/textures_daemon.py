@@ -143,6 +143,32 @@ def uploads_images():
         expect(not state.complete and not state.received, 'a file from elsewhere was sent')
 
 
+def upside_down():
+    """flip_v of each client and of the bake: the picture of the file whose images are the right way up."""
+    rows = [[(16 * y, 255 - 16 * y, 16 * x) for x in range(16)] for y in range(16)]
+    for name, image in (('up.glb', rows), ('down.glb', rows[::-1])):
+        glb(name, [png(16, 16, image)], {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}})
+    scale = ['--mm-per-unit', '1000', '--material', 'marble']
+    picture = ['--env', 'constant', '--size', '64x64']
+    fast = ['--engine', 'tangent', '--scattering', 'dipole']
+    prt('image', 'up.glb', *scale, *fast, *picture, '-o', 'up.exr')
+    prt('image', 'down.glb', *scale, *fast, *picture, '-o', 'down.exr')
+    prt('image', 'down.glb', '--flip-v', *scale, *fast, *picture, '-o', 'flipped.exr')
+    same('flipped.exr', 'up.exr', 1e-3)
+    prt('compare', 'down.exr', 'up.exr', '--max-rmse', '.1', status=1)
+    with daemon('--data', 'data4'), package.Client('unix:socket') as client:
+        for name, options in (('up', []), ('down', ['--flip-v'])):
+            relight('load', name + '.glb', '--name', name, *options, *scale, '--preview')
+            relight('image', name, *picture, '--engine', 'tangent', '-o', 'there-%s.exr' % name)
+        same('there-down.exr', 'there-up.exr', 1e-3)
+        for name, flip in (('up', False), ('down', True)):
+            model = client.load(name + '.glb', name=name, flip_v=flip, mm_per_unit=1000, material='marble', draft=False,
+                                samples=1000, cube=16, no_single=True)
+            relight('image', model, *picture, '-o', 'baked-%s.exr' % name)
+        same('baked-down.exr', 'baked-up.exr', 1e-3)
+        prt('compare', 'baked-down.exr', 'down.exr', '--max-rmse', '.1', status=1)
+
+
 OBJ = """mtllib none.mtl
 mtllib its materials.mtl\r
 v 0 0 1\nv 1 0 0\nv 0 1 0\nv -1 0 0\nv 0 -1 0\nv 0 0 -1
@@ -187,4 +213,4 @@ def uploads_libraries():
             expect(not state.complete and not state.received, '%s was sent' % name)
 
 
-main(check, uploads_images, uploads_libraries)
+main(check, uploads_images, upside_down, uploads_libraries)

@@ -299,7 +299,8 @@ static void base64(const uint8_t *p, size_t n, char *out)
 
 // A square of two triangles with two sets of uv, the second (0.25, 0.75) everywhere, and
 // colours; materials is JSON with one %s for an image's data URI.
-static int square(const struct prt_context *ctx, const char *materials, struct prt_mesh **out)
+static int square_read(const struct prt_context *ctx, const char *materials,
+                       const struct prt_mesh_options *options, struct prt_mesh **out)
 {
     static const struct {
         float p[4][3], n[4][3], uv[4][2], uv1[4][2];
@@ -341,7 +342,12 @@ static int square(const struct prt_context *ctx, const char *materials, struct p
         "\"uri\":\"data:application/octet-stream;base64,%s\"}]}",
         part, buffer);
     assert_in_range(n, 1, sizeof json - 1);
-    return prt_mesh_load_memory(ctx, "square", json, (size_t)n, NULL, NULL, out);
+    return prt_mesh_load_memory(ctx, "square", json, (size_t)n, NULL, options, out);
+}
+
+static int square(const struct prt_context *ctx, const char *materials, struct prt_mesh **out)
+{
+    return square_read(ctx, materials, NULL, out);
 }
 
 // The look at the middle of the lower right triangle, whose texture coordinates are near (2/3,
@@ -366,6 +372,28 @@ static struct prt_mesh *load(const struct prt_context *ctx, const char *material
     snprintf(text, sizeof text, "%s%s}]", image_json, material);
     if (square(ctx, text, &m)) fail_msg("%s", lines);
     return m;
+}
+
+// flip_v: the first set's place moves from the white texel to the green one above it, the
+// second's from the blue one to the red one.
+static void images_upside_down(void **state)
+{
+    const struct prt_mesh_options options = {.flip_v = true};
+    for (int set = 0; set < 2; set++) {
+        struct prt_context ctx = context();
+        char text[4000];
+        struct prt_mesh *m = NULL;
+        snprintf(text, sizeof text,
+                 "%s\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"
+                 "\"texCoord\":%d}}}]",
+                 image_json, set);
+        assert_int_equal(square_read(&ctx, text, &options, &m), PRT_OK);
+        const struct prt_look l = look(m);
+        assert_float_equal(l.base[0], set, 1e-4);
+        assert_float_equal(l.base[1], set ? 0 : 0.2, 1e-4); // times the vertex colour
+        assert_float_equal(l.base[2], 0, 1e-4);
+        prt_mesh_destroy(m);
+    }
 }
 
 static void maps_of_a_gltf(void **state)
@@ -800,6 +828,7 @@ int main(void)
         cmocka_unit_test(hash_is_of_content),
         cmocka_unit_test(probes_lie_about_the_point),
         cmocka_unit_test(decoding_and_limits),
+        cmocka_unit_test(images_upside_down),
         cmocka_unit_test(maps_of_a_gltf),
         cmocka_unit_test(extensions_of_a_gltf),
         cmocka_unit_test(maps_of_many_materials),

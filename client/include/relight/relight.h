@@ -312,6 +312,7 @@ struct relight_load {
     bool pin;
     const char *variant; /* of the glTF's materials; NULL: none */
     bool up_z;           /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
+    bool flip_v;         /* the file's images are upside down: v becomes 1 - v */
     bool preview;        /* no bake: image-space engines answer */
     bool no_draft;       /* no draft of some 3 % that answers until the bake is ready */
 };

@@ -265,17 +265,20 @@ class Client:
              size_mm: Optional[float] = None, mm_per_unit: Optional[float] = None,
              material: Optional[Material] = None, name: str = "", preview: bool = False,
              draft: bool = True, wait: bool = True, progress: Optional[ProgressFn] = None,
-             materials: Optional[Mapping[str, Material]] = None, **bake: Any) -> str:
+             materials: Optional[Mapping[str, Material]] = None, opaque: Sequence[str] = (), variant: str = "",
+             up_z: bool = False, flip_v: bool = False, **bake: Any) -> str:
         """Uploads and loads a model (file), or loads one of the daemon's folder (path); its id.
 
         With a .gltf go its buffers and images, with an .obj its material library and the images of that.
         Without a material the bake leaves it open (joint transport). materials: those of single
         objects, by the name of a glTF material or node. preview: no bake, pictures
         come from the image-space engines. draft: a draft answers until the bake is done. wait: until
-        the bake is done; progress is called as in upload. bake: fields of BakeSettings, such as
-        samples=50000 or transport="wavelet".
+        the bake is done; progress is called as in upload. opaque: names of materials or nodes. variant:
+        of the glTF's materials. up_z: +z is up in the file. flip_v: its images lie upside down. bake:
+        fields of BakeSettings, such as samples=50000, transport="wavelet" or scattering="walk".
         """
-        request = message("LoadRequest", name=name, preview=preview, no_draft=not draft)
+        request = message("LoadRequest", name=name, preview=preview, no_draft=not draft,
+                          variant=variant, up_z=up_z, flip_v=flip_v, opaque=opaque)
         if (file is None) == (path is None):
             raise RelightError("ARGUMENT", "load takes either a file to upload or a path at the daemon")
         if file is not None:
@@ -291,7 +294,7 @@ class Client:
         request.material = self._material(material)
         request.materials.extend(self._materials(materials))
         for key, value in bake.items():
-            if key in ("transport", "storage"):
+            if key in ("transport", "storage", "scattering"):
                 value = enum(key.capitalize(), key.upper() + "_", value)
             try:
                 setattr(request.bake, key, value)

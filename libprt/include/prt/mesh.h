@@ -131,6 +131,7 @@ struct prt_mesh_options {
     uint32_t max_vertices;     /* 0: 50 million */
     uint32_t max_triangles;    /* 0: 100 million */
     bool up_z;                 /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
+    bool flip_v;               /* its images are upside down: v becomes 1 - v in every set */
     bool in_process;           /* parse without a child process (fuzzers only) */
     bool no_textures;          /* read no images, TEXCOORD sets above 0 and vertex colours */
     /* A glTF's vertices in a moment of this animation, or of the only one whose name begins so;

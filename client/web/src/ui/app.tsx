@@ -175,7 +175,7 @@ function Work() {
         <Bar share={progress.fraction} label="Bake" />
         {last?.model === info.value?.model && last && (
           <details>
-            <summary>Size and medium</summary>
+            <summary>Size, axes and medium</summary>
             <UploadSettings />
             <button
               type="button"

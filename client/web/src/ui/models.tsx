@@ -17,8 +17,10 @@ import {
   openFile,
   scene,
   set,
+  uploadFlipV,
   uploadMaterial,
   uploadSizeMm,
+  uploadUpZ,
 } from "./store";
 
 const pictures = new Map<string, Promise<string>>();
@@ -127,7 +129,7 @@ export function Models({ close }: { close: () => void }) {
   );
 }
 
-/** Size and medium that the next model is baked with. */
+/** Size, axes and medium that the next model is baked with. */
 export function UploadSettings() {
   return (
     <div class="upload-settings">
@@ -158,6 +160,22 @@ export function UploadSettings() {
             </option>
           ))}
         </select>
+      </label>
+      <label title="As scans and STL files often need">
+        <input
+          type="checkbox"
+          checked={uploadUpZ.value}
+          onChange={(event) => (uploadUpZ.value = event.currentTarget.checked)}
+        />
+        Its z axis points up
+      </label>
+      <label title="As a face on the neck needs">
+        <input
+          type="checkbox"
+          checked={uploadFlipV.value}
+          onChange={(event) => (uploadFlipV.value = event.currentTarget.checked)}
+        />
+        Its textures lie upside down
       </label>
     </div>
   );

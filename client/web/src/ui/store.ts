@@ -71,6 +71,8 @@ export const uploading = signal<UploadState | null>(null);
 /** What a dropped model is taken for. */
 export const uploadSizeMm = signal(50);
 export const uploadMaterial = signal("marble");
+export const uploadUpZ = signal(false);
+export const uploadFlipV = signal(false);
 /** What was baked last by this page, so that its size or medium can be chosen anew. */
 export const lastUpload = signal<{ model: string; name: string; hash: string } | null>(null);
 
@@ -402,7 +404,7 @@ async function takeFile(file: File): Promise<void> {
     await refresh();
   } else await loadUpload(file.name, hash);
 }
-/** Loads an uploaded model in the size and medium that are chosen; the daemon begins its bake. */
+/** Loads an uploaded model in the size, axes and medium that are chosen; the daemon begins its bake. */
 export async function loadUpload(name: string, hash: string): Promise<void> {
   const { message } = await client.request(
     Type.Load,
@@ -412,6 +414,8 @@ export async function loadUpload(name: string, hash: string): Promise<void> {
       name,
       sizeMm: uploadSizeMm.value,
       material: uploadMaterial.value,
+      upZ: uploadUpZ.value,
+      flipV: uploadFlipV.value,
       // a medium that is edited later may be of any index
       ...(uploadMaterial.value ? {} : { bake: { anyEta: true } }),
     },
