@@ -763,6 +763,38 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "a file whose z axis points up and whose textures lie upside down"(home) {
+    const shape = (page) =>
+      page.evaluate(() => {
+        const { positions, uv } = globalThis.relightViewer.mesh;
+        return { at: Array.from(positions), uv: Array.from(uv[0]) };
+      });
+    const page = await open(`${home}/#model=toy.prt`);
+    await mode(page, "mesh");
+    const before = await shape(page);
+    await page.getByRole("button", { name: /prt/ }).click();
+    await page.getByLabel("Its z axis points up").check();
+    await page.getByLabel("Its textures lie upside down").check();
+    await shot(page, "upload-settings");
+    await page.locator(".bring input[type=file]").setInputFiles(join(folder, "toy.glb"));
+    await page.waitForFunction(
+      (height) => globalThis.relightViewer.mesh?.positions[1] !== height,
+      before.at[1],
+      PATIENCE,
+    );
+    await mode(page, "mesh");
+    const after = await shape(page);
+    before.at.forEach((x, i) => {
+      const want = i % 3 === 0 ? x : i % 3 === 1 ? before.at[i + 1] : -before.at[i - 1];
+      assert.ok(Math.abs(after.at[i] - want) < 1e-5, `${i}: ${after.at[i]}, not ${want}`);
+    });
+    before.uv.forEach((x, i) => {
+      const want = i % 2 ? 1 - x : x;
+      assert.ok(Math.abs(after.uv[i] - want) < 1e-6, `uv ${i}: ${after.uv[i]}, not ${want}`);
+    });
+    await page.context().close();
+  },
+
   async "the daemon goes and comes back; the page loses nothing"(home, port) {
     const page = await open(`${home}/#model=marble.prt&light=page:rim@120,0&orbit=40,10,1`);
     await mode(page, "mesh");
