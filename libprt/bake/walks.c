@@ -49,20 +49,19 @@ static int test_objects(struct bake *b)
         if (!(prt_walk_area(w->space, o) > 0)) continue;
         const bool closed = prt_walk_volume(w->space, o) > 0;
         const double leak = closed ? leak_of(b, o) : 1;
-        const char *name = b->mesh->object ? b->mesh->object[o].name : "";
+        char words[PRT_OBJECT_WORDS];
         any |= closed;
         w->walked[o] = leak <= refused_leak;
         if (leak > refused_leak)
-            prt_log(
-                b->ctx, PRT_LOG_WARNING,
-                "object %u %s: %.3g %% of the walks escape through holes (at most 10 %% may): "
-                "it is baked with the dipole; close its surface",
-                o, name, 100 * leak);
+            prt_log(b->ctx, PRT_LOG_WARNING,
+                    "%s: %.3g %% of the walks escape through holes (at most 10 %% may): "
+                    "it is baked with the dipole; close its surface",
+                    prt_mesh_object_words(b->mesh, o, words), 100 * leak);
         else if (leak > reported_leak)
             prt_log(b->ctx, PRT_LOG_WARNING,
-                    "object %u %s: %.3g %% of the walks escape through holes, and it is too "
+                    "%s: %.3g %% of the walks escape through holes, and it is too "
                     "dark by as much; close its surface",
-                    o, name, 100 * leak);
+                    prt_mesh_object_words(b->mesh, o, words), 100 * leak);
         if (w->walked[o]) w->leaked = fmax(w->leaked, leak);
     }
     if (any) {

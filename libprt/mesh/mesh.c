@@ -3,6 +3,7 @@
 #include "internal.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 void prt_mesh_destroy(struct prt_mesh *mesh)
@@ -163,6 +164,14 @@ uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh)
         for (uint32_t k = 0; k < mesh->block[i].n_vertex; k++)
             map[mesh->block[i].vertex_begin + k] = i;
     return map;
+}
+
+const char *prt_mesh_object_words(const struct prt_mesh *mesh, uint32_t object,
+                                  char words[PRT_OBJECT_WORDS])
+{
+    const char *name = mesh->object ? mesh->object[object].name : "";
+    snprintf(words, PRT_OBJECT_WORDS, "object %u%s%s", object, *name ? " " : "", name);
+    return words;
 }
 
 void prt_mesh_corner_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set,

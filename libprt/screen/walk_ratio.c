@@ -129,22 +129,18 @@ static double scatterings_expected(const struct making *m)
     return all;
 }
 
-static const char *object_name(const struct making *m, uint32_t object)
-{
-    return m->mesh->object ? m->mesh->object[object].name : "";
-}
-
 // Objects that cannot be walked keep the dipole.
 static void choose_objects(struct making *m)
 {
     for (uint32_t o = 0; o < m->mesh->n_object; o++) {
         if (!(prt_walk_area(m->space, o) > 0)) continue;
         const bool profile = prt_media_of(m->media, o)->profile != 0;
+        char words[PRT_OBJECT_WORDS];
         m->walked[o] = !profile && prt_walk_volume(m->space, o) > 0;
         if (m->walked[o]) continue;
         prt_log(m->ctx, PRT_LOG_WARNING,
-                "object %u %s: %s: its multiple scattering is the dipole's, unscaled", o,
-                object_name(m, o),
+                "%s: %s: its multiple scattering is the dipole's, unscaled",
+                prt_mesh_object_words(m->mesh, o, words),
                 profile ? "a material with a profile of its own has no walks"
                         : "its triangles enclose no volume, or face inwards");
     }
@@ -154,18 +150,19 @@ static void check_leaks(struct making *m, struct prt_walk_ratio_report *report)
 {
     for (uint32_t o = 0; o < m->mesh->n_object; o++) {
         const bool any = prt_walk_area(m->space, o) > 0;
+        char words[PRT_OBJECT_WORDS];
         const double leak = m->lost[o][1] ? (double)m->lost[o][0] / (double)m->lost[o][1] : 0;
         if (leak > refused_leak)
             prt_log(
                 m->ctx, PRT_LOG_WARNING,
-                "object %u %s: %.3g %% of the walks escape through holes (at most 10 %% "
+                "%s: %.3g %% of the walks escape through holes (at most 10 %% "
                 "may): its multiple scattering is the dipole's, unscaled; close its surface",
-                o, object_name(m, o), 100 * leak);
+                prt_mesh_object_words(m->mesh, o, words), 100 * leak);
         else if (leak > reported_leak)
             prt_log(m->ctx, PRT_LOG_WARNING,
-                    "object %u %s: %.3g %% of the walks escape through holes, and it is too "
+                    "%s: %.3g %% of the walks escape through holes, and it is too "
                     "dark by as much; close its surface",
-                    o, object_name(m, o), 100 * leak);
+                    prt_mesh_object_words(m->mesh, o, words), 100 * leak);
         if (leak > refused_leak) m->walked[o] = 0;
         else report->leaked = fmax(report->leaked, leak);
         report->n_kept += any && !m->walked[o];

@@ -210,6 +210,11 @@ void prt_mesh_drop_textures(struct prt_mesh *mesh);
  * one. 0 stands for "not known" elsewhere. Thread-safe. */
 uint64_t prt_mesh_hash(const struct prt_mesh *mesh);
 
+/* An object in messages: "object 2 leaf", or "object 2" where it has no name. Returns words. */
+enum { PRT_OBJECT_WORDS = 80 };
+const char *prt_mesh_object_words(const struct prt_mesh *mesh, uint32_t object,
+                                  char words[PRT_OBJECT_WORDS]);
+
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
 /* The box's diagonal in the mesh's unit; no straight path through a translucent object is
