@@ -138,11 +138,11 @@ static void choose_objects(struct making *m)
         char words[PRT_OBJECT_WORDS];
         m->walked[o] = !profile && prt_walk_volume(m->space, o) > 0;
         if (m->walked[o]) continue;
-        prt_log(m->ctx, PRT_LOG_WARNING,
-                "%s: %s: its multiple scattering is the dipole's, unscaled",
+        prt_log(m->ctx, PRT_LOG_WARNING, "%s: %s: its multiple scattering is the %s, unscaled",
                 prt_mesh_object_words(m->mesh, o, words),
                 profile ? "a material with a profile of its own has no walks"
-                        : "its triangles enclose no volume, or face inwards");
+                        : "its triangles enclose no volume, or face inwards",
+                profile ? "profile's" : "dipole's");
     }
 }
 

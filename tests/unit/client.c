@@ -1331,9 +1331,19 @@ static void cameras(void **state)
         assert_int_equal(relight_camera_parse(bad[i], &c, NULL), -RELIGHT_E_ARGUMENT);
 }
 
+// A format without a line in relight.h could not be asked for.
+static void every_image_format_is_in_the_header(void **state)
+{
+#define COUNT(name, number, ending) +1
+    assert_int_equal(0 RELIGHT_IMAGE_FORMAT_LIST(COUNT),
+                     relight__image_format__descriptor.n_values);
+#undef COUNT
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_image_format_is_in_the_header),
         cmocka_unit_test(answers_in_small_pieces),
         cmocka_unit_test(answers_out_of_order),
         cmocka_unit_test(answers_in_frames),

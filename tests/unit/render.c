@@ -3,6 +3,7 @@
 // bake's measured errors is told, the numbers of a cost, keys of lights and media, and the
 // camera.
 #include <setjmp.h>
+#include <limits.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,6 +15,7 @@
 #include <cmocka.h>
 
 #include "relight.pb-c.h"
+#include "core/image_format.h"
 #include "render/walk.h"
 
 enum { N = 50, PLANES = 2, SOME = 20 };
@@ -365,6 +367,16 @@ static void a_mean_is_of_one_engine(void **state)
     free(a);
 }
 
+static void every_format_of_the_protocol_is_drawn(void **state)
+{
+    const ProtobufCEnumDescriptor *list = &relight__image_format__descriptor;
+    for (unsigned i = 0; i < list->n_values; i++)
+        if (!image_format_of((unsigned)list->values[i].value))
+            fail_msg("server/core/image_format.c has no row for %s", list->values[i].name);
+    assert_null(image_format_of(list->n_values));
+    assert_null(image_format_of(UINT_MAX));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -375,6 +387,7 @@ int main(void)
         cmocka_unit_test(keys_of_media),
         cmocka_unit_test(frames_fit_the_picture),
         cmocka_unit_test(pictures_have_their_options),
+        cmocka_unit_test(every_format_of_the_protocol_is_drawn),
         cmocka_unit_test(a_mean_is_of_one_engine),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -29,8 +29,8 @@ struct prt_picture_format {
     int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
                   const struct prt_picture_options *options, struct prt_blob *out);
     /* The same of pixels rgb8[height][width][3] that prt_tone_map() made, without alpha; NULL:
-     * not this format. Width and height are 1 to PRT_IMAGE_MAX. A failure leaves *out as it
-     * was. */
+     * not this format. Width and height are 1 to PRT_IMAGE_MAX. After a failure *out is
+     * as it was, or empty. */
     int (*encode_rgb8)(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,
                        uint32_t height, const struct prt_picture_options *options,
                        struct prt_blob *out);
