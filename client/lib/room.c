@@ -310,7 +310,10 @@ static int ask_medium(struct relight_client *client, const Relight__MaterialRequ
     if (status) return status;
     const Relight__MaterialAnswer *a = (Relight__MaterialAnswer *)answer->message;
     const Relight__Vec3 *from[] = {a->reflectance, a->mean_free_path, a->sigma_t, a->g};
-    *out = (struct relight_medium){.profile = a->profile,
+    struct owner *owner = relight_owner(answer);
+    if (!owner) return no_memory(error);
+    *out = (struct relight_medium){.owner = owner,
+                                   .profile = a->profile,
                                    .eta = a->eta,
                                    .roughness = a->roughness,
                                    .json = a->json,
@@ -322,7 +325,6 @@ static int ask_medium(struct relight_client *client, const Relight__MaterialRequ
         to[i][1] = from[i]->y;
         to[i][2] = from[i]->z;
     }
-    if (!(out->owner = relight_owner(answer))) return no_memory(error);
     return 0;
 }
 

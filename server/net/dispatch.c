@@ -66,7 +66,7 @@ enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
 #define UPLOAD SCOPE_UPLOAD
 #define ADMIN SCOPE_ADMIN
 
-// A type without a row does not compile.
+// A type without a row in OPERATION_LIST (dispatch.h) does not compile.
 #define X(message, ...) static const struct operation message = {__VA_ARGS__};
 OPERATION_LIST(X)
 #undef X

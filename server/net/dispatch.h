@@ -59,9 +59,9 @@ const struct operation *operation_of(uint16_t type);
 
 /* Every operation: its request's message as frame.h's list names it, the function that
  * runs it, its flags (enum operation_flag without OPERATION_), the scopes that its caller needs
- * (enum access_scope without SCOPE_; 0: none), its largest payload in bytes (0: none; a larger
- * one is answered with LIMIT), and the function of dispatch.c that adds the texts of the
- * materials that its message names (NULL: it names none). */
+ * (enum access_scope without SCOPE_; 0: none), its largest payload in bytes (0: none; ANY: as
+ * much as a frame takes; a larger one is answered with LIMIT), and the function of dispatch.c
+ * that adds the texts of the materials that its message names (NULL: it names none). */
 #define OPERATION_LIST(X)                                                                 \
     X(hello_request, op_hello, BEFORE_HELLO | ALWAYS | GUEST, 0, 0, NULL)                 \
     X(ping_request, op_ping, DRAINING | ALWAYS | GUEST, 0, MAX_PING, NULL)                \

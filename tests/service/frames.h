@@ -65,7 +65,8 @@ static inline void frames_send(struct frames *f)
     if (!frames_try_send(f)) fail_msg("send: %s", strerror(errno));
 }
 
-// One answer's type, id, code (of an ERROR, else 0), text and size of its payload.
+// One answer's type, id, code (of an ERROR, else 0), text and size of its payload, whose bytes
+// stand in frames.decoder.frame.payload until the next one.
 struct frames_answer {
     uint16_t type;
     uint64_t id, payload;

@@ -36,7 +36,7 @@ def faults_of_row(name, request, answer, scope, row):
 
 
 text = read('proto/PROTOCOL.md')
-errors = ['line %d has %d characters' % (i, len(line))
+errors = ['proto/PROTOCOL.md: line %d has %d characters' % (i, len(line))
           for i, line in enumerate(text.splitlines(), 1) if len(line) > 140]
 rows = [[cell.strip() for cell in line.split('|')] for line in text.splitlines() if line.startswith('| ')]
 table = {(row[1], row[2]): row for row in rows if len(row) == 9}
@@ -45,12 +45,13 @@ needs = scopes()
 for name, number, request, answer in types:
     row = table.get((number, name))
     if request not in needs:
-        errors.append('%s: no line X(%s, …) of OPERATION_LIST was found in dispatch.h' % (name, request))
-    elif row:
-        errors += faults_of_row(name, request, answer, needs[request], row)
-    else:
-        errors.append('type %s, %s, is not in the table' % (number, name))
+        errors.append('server/net/dispatch.h: %s: OPERATION_LIST has no line X(%s, …)' % (name, request))
+    if not row:
+        errors.append('proto/PROTOCOL.md: type %s, %s, is not in the table' % (number, name))
+    elif request in needs:
+        errors += ['proto/PROTOCOL.md: ' + fault
+                   for fault in faults_of_row(name, request, answer, needs[request], row)]
 for error in errors:
-    print('error: PROTOCOL.md: ' + error)
+    print('error: ' + error)
 print('%d lines, %d types, %d scopes' % (len(text.splitlines()), len(types), len(needs)))
 sys.exit(1 if errors or len(types) < 20 else 0)
