@@ -23,14 +23,17 @@ export const AUTHOR = Array.from(crypto.getRandomValues(new Uint8Array(8)), (b) 
 interface Edit {
   room: string;
   action: ActionInit;
-  number: bigint;
+  number: bigint; // 0: it was never sent
   sent: boolean;
+  lost: boolean; // it was sent and has no answer: it may be done
   done: (answer: RoomEditAnswer) => void;
   failed: (error: unknown) => void;
 }
 const edits: Edit[] = [];
 /** Newest event by this page that was acknowledged, and its room. */
 export const answered = { room: "", sequence: 0n };
+/** Newest event of this page that changed a part of a room's scene, by both. */
+const ownChanges = new Map<string, bigint>();
 let lastNumber = 0n;
 let pumping = false;
 
@@ -38,10 +41,31 @@ let pumping = false;
 export function edit(action: ActionInit): Promise<RoomEditAnswer> {
   return new Promise((done, failed) => {
     const room = roomId.value;
-    edits.push({ room, action, number: ++lastNumber, sent: false, done, failed });
+    edits.push({ room, action, number: 0n, sent: false, lost: false, done, failed });
     waiting.value = edits.length;
     void pump();
   });
+}
+
+// What others changed since then is a conflict, what this page changed is none: parts that differ in
+// that are sent one after the other, each with what it has seen.
+function divide(first: Edit): void {
+  const { scene } = first.action;
+  if (!scene?.since) return;
+  const { since, parts = [] } = scene;
+  const seen = (part: string) => {
+    const own = ownChanges.get(`${first.room} ${part}`) ?? 0n;
+    return own > since ? own : since;
+  };
+  const [least = since] = parts.map(seen).sort((a, b) => (a < b ? -1 : 1));
+  const later = parts.filter((part) => seen(part) > least);
+  const now = parts.filter((part) => seen(part) === least);
+  first.action = { scene: { ...scene, parts: now, since: least } };
+  if (!later.length) return;
+  const rest = { ...first, number: 0n, action: { scene: { ...scene, parts: later } } };
+  edits.splice(1, 0, rest);
+  first.done = () => undefined; // the last of them says so
+  waiting.value = edits.length;
 }
 
 /** Sends what waits; also for rooms that were left meanwhile. */
@@ -50,6 +74,8 @@ export async function pump(): Promise<void> {
   pumping = true;
   while (edits[0] && client.hello) {
     const first = edits[0];
+    if (!first.lost) divide(first);
+    first.number ||= ++lastNumber;
     first.sent = true; // again after a refusal: what took its place meanwhile goes with it
     try {
       const { message } = await client.request(
@@ -65,12 +91,17 @@ export async function pump(): Promise<void> {
         RoomEditAnswerSchema,
       );
       Object.assign(answered, { room: first.room, sequence: message.sequence });
+      for (const part of first.action.scene?.parts ?? [])
+        ownChanges.set(`${first.room} ${part}`, message.sequence);
       first.done(message);
     } catch (error) {
-      if (error instanceof DisconnectedError) break; // the same number is done once
+      if (error instanceof DisconnectedError) {
+        first.lost = true;
+        break; // the same number is done once
+      }
       const wait = busyMs(error);
       if (wait !== null) {
-        first.sent = false;
+        first.sent = first.lost;
         await new Promise((done) => setTimeout(done, wait));
         continue;
       }
@@ -82,10 +113,12 @@ export async function pump(): Promise<void> {
   pumping = false;
 }
 
-/** A change of the scene that has not been sent yet: a newer one may take its place. */
+/** A change of the scene that has not been sent yet: a newer one may take its place, but not where
+ * that one saw more. */
 export function unsentChange(): Edit | null {
   const last = edits.at(-1);
-  return last && !last.sent && last.room === roomId.value && last.action.scene ? last : null;
+  const waits = last && !last.sent && last.room === roomId.value && last.action.scene;
+  return waits && !(client.hello && waits.since) ? last : null;
 }
 /** Whether an edit of the scene of this room has no answer yet. */
 export const scenePends = () =>

@@ -165,7 +165,7 @@ function sendParts(parts: readonly PartName[], next: SceneInit): void {
       scene: values as SceneInit,
       parts: all,
       // Offline, another one's change must not be overwritten unseen.
-      since: client.hello ? 0n : (before?.since ?? newest()),
+      since: client.hello ? 0n : before?.since || newest(),
     },
   };
   if (last) {
