@@ -106,6 +106,8 @@ export interface Daemon {
   asked: { type: Type; init: Record<string, unknown> }[];
   /** Answers a request; throws where it is refused. */
   answer: (type: Type, init: Record<string, unknown>) => unknown;
+  /** Of its answers. */
+  payload: Uint8Array;
   /** Frames without an answer. */
   told: { type: Type; init: Record<string, unknown> }[];
   /** Streams that the page opened. */
@@ -119,12 +121,18 @@ export interface Daemon {
 
 /** Puts a daemon behind the store's client. */
 export function fakeDaemon(client: Client): Daemon {
-  const daemon: Daemon = { asked: [], answer: () => ({}), told: [], streams: [] };
+  const daemon: Daemon = {
+    asked: [],
+    answer: () => ({}),
+    payload: new Uint8Array(0),
+    told: [],
+    streams: [],
+  };
   client.hello = create(HelloAnswerSchema, { scopes: ["view", "upload"] });
   client.request = (async (type: Type, _: unknown, init: Record<string, unknown>) => {
     daemon.asked.push({ type, init });
     const message = await Promise.resolve(daemon.answer(type, init));
-    return { message, payload: new Uint8Array(0) };
+    return { message, payload: daemon.payload };
   }) as typeof client.request;
   client.stream = ((
     type: Type,

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
-// The connection is lost while a person works in a room: what others changed meanwhile is a conflict,
-// what is one's own is none.
+// The connection is slow, or lost, while a person works in a room: what others changed meanwhile is a
+// conflict, what is one's own is none, and all see the same.
+import { create, toBinary } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import { fakeDaemon, tellState, turn } from "./fake-browser";
-import { ErrorCode, type RoomAction } from "../src/gen/relight_pb";
+import { ErrorCode, RoomRole, RoomStateSchema, type RoomAction } from "../src/gen/relight_pb";
 import { DisconnectedError, RelightError } from "../src/protocol/errors";
 import { Type } from "../src/protocol/frame";
 import type { SceneState } from "../src/state/scene-state";
@@ -66,6 +67,7 @@ async function comeBack(): Promise<void> {
   await turn();
 }
 
+const rotated = () => store.scene.value.lamps[0]?.rotate;
 let name = ""; // of the room
 let n = 0;
 beforeEach(async () => {
@@ -164,4 +166,24 @@ test.each([
 ])("another person's change is a conflict with one made offline %s", async (_, one, two) => {
   await changesWhileBusy(one, two);
   expect(here.conflict.value).not.toBe("");
+});
+
+test("what others changed is shown once the own change has its answer", async () => {
+  let answer: (message: unknown) => void = () => undefined;
+  const undone = { room: name, scene: { ...lit(77), picture: {} } };
+  daemon.answer = (type) =>
+    type === Type.RoomEdit
+      ? new Promise((done) => (answer = done))
+      : { sequence: 11n, role: RoomRole.ROLE_OWNER };
+  daemon.payload = toBinary(
+    RoomStateSchema,
+    create(RoomStateSchema, { ...undone, sequence: 11n }),
+  );
+  moves({ exposure: 2 });
+  await turn();
+  tellState(daemon, { ...undone, sequence: 10n }); // by another person's undo
+  expect(rotated()).toBe(0);
+  answer({ sequence: 11n });
+  await turn();
+  expect(rotated()).toBe(77);
 });

@@ -35,6 +35,7 @@ const held = new Set<PartName>(); // what this hand moved since its last edit
 const hands = new Map<PartName, { key: bigint; scene: Scene }>(); // what others move now
 let heldSince = 0;
 let rest: ReturnType<typeof setTimeout> | undefined;
+let missed = false; // a state of the room that was not shown
 let again: () => void = () => undefined;
 let newest: () => bigint = () => 0n;
 
@@ -183,6 +184,7 @@ function sendParts(parts: readonly PartName[], next: SceneInit): void {
     })
     .finally(() => {
       if (!held.size && handIsTold()) tell({ hand: null });
+      if (missed && !scenePends()) again();
     });
 }
 
@@ -225,9 +227,10 @@ function choicePends(): boolean {
   return shared !== null && !isId(model) && info.value?.name !== model;
 }
 
-/** Shows the room's state, unless what this person did is on its way. */
+/** Shows the room's state; while what this person did is on its way, once it has arrived. */
 export function showRoom(): void {
-  if (scenePends()) return;
+  missed = scenePends();
+  if (missed) return;
   showParts(choicePends() ? PARTS.filter((part) => part !== "model") : PARTS);
 }
 
@@ -294,7 +297,7 @@ export function forgetRoom(): void {
   held.clear();
   hands.clear();
   shared = own = null;
-  cameraWaits = false;
+  cameraWaits = missed = false;
   refused.clear();
 }
 
