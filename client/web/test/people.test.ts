@@ -9,10 +9,15 @@ import {
   PresenceSchema,
   type ParticipantSchema,
 } from "../src/gen/relight_pb";
+import { Type } from "../src/protocol/frame";
+import { place, type Frame } from "../src/scene/camera";
+import type { Viewer } from "../src/scene/viewer";
+import type { SceneState } from "../src/state/scene-state";
 
 const store = await import("../src/ui/store");
 const here = await import("../src/room/here");
 const session = await import("../src/room/session");
+const { putDown } = await import("../src/room/share");
 const daemon = fakeDaemon(store.client);
 
 const lit = (rotateDeg: number) => ({
@@ -50,6 +55,28 @@ test.each([
   expect(rotated()).toBe(77);
   end();
   expect(rotated()).toBe(20);
+});
+
+test("the camera of the one who was followed does not become the room's", async () => {
+  const at = (x: number) => ({ eye: { x, y: 0, z: 5 }, target: { x: 0, y: 0, z: 0 } });
+  const frame: Frame = { centre: [0, 0, 0], radius: 1 };
+  store.useViewer({
+    framed: frame,
+    placed: ({ orbit }: SceneState) => place(frame, orbit, 1),
+    show: () => undefined,
+  } as unknown as Viewer);
+  tellState(daemon, { room: "r1", sequence: 2n, scene: { ...lit(20), camera: at(0) } });
+  daemon.asked = [];
+  for (const end of [() => session.follow(8n), () => tellPeople([{ key: 8n, gone: true }])]) {
+    tellPeople([{ key: 8n, camera: at(5) }]);
+    session.follow(8n);
+    expect(store.scene.value.orbit.azimuth).toBeCloseTo(45, 4);
+    end();
+    expect(store.scene.value.orbit.azimuth).toBeCloseTo(0, 4);
+    putDown();
+    await turn();
+    expect(daemon.asked.filter(({ type }) => type === Type.RoomEdit)).toEqual([]);
+  }
 });
 
 test("who leads is followed until that ends; who leads follows nobody", () => {

@@ -2,7 +2,7 @@
 // The seat in a review room: its state and events, the people in it; rooms are listed, made,
 // entered and left.
 import { create, fromBinary } from "@bufbuild/protobuf";
-import { effect } from "@preact/signals";
+import { batch, effect } from "@preact/signals";
 import {
   ErrorCode,
   EventKind,
@@ -326,13 +326,21 @@ function takeLead(): void {
   if (!follows.value) return;
   const led = people.value.get(follows.value);
   if (!led || (follows.value === leader && !led.leads)) {
-    follows.value = leader = 0n;
+    followNobody();
     tell();
     return;
   }
   const frame = viewer?.framed;
   const orbit = frame ? orbitOf(led.camera, frame) : null;
   if (orbit && !sameJson(orbit, scene.value.orbit)) change({ orbit });
+}
+
+// Back to the room's camera, at once: the one that was followed is not this person's own.
+function followNobody(): void {
+  batch(() => {
+    follows.value = leader = 0n;
+    showParts(["camera"]);
+  });
 }
 
 export function lookAlone(on: boolean): void {
@@ -343,9 +351,9 @@ export function lookAlone(on: boolean): void {
   tell(on ? {} : { own: null });
 }
 export function follow(key: bigint): void {
-  follows.value = follows.value === key ? 0n : key;
+  if (follows.value === key) followNobody();
+  else follows.value = key;
   leader = 0n;
-  if (!follows.value) showParts(["camera"]);
   tell();
   takeLead();
 }
