@@ -6,8 +6,10 @@ import {
   ErrorCode,
   FactorsAnswerSchema,
   GeometryAnswerSchema,
+  JobState,
   ModelInfoSchema,
   ModelState,
+  ProgressSchema,
   Term,
   ViewFrameSchema,
   type ViewFrame,
@@ -19,7 +21,8 @@ import type { Stage } from "../src/scene/stage";
 import { Viewer } from "../src/scene/viewer";
 import { FIRST, FIRST_LAMP } from "../src/state/scene-state";
 
-type Ended = (error: Error) => void;
+type Ended = (error: Error | null) => void;
+type Answered = (answer: { message: unknown }) => void;
 const busy = (retryAfterMs: number) =>
   new RelightError({ code: ErrorCode.ERROR_BUSY, text: "busy", hint: "", retryAfterMs });
 
@@ -33,6 +36,7 @@ function rig(refusals: RelightError[] = []) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
   const watched: string[] = [];
+  const watches: { answered: Answered; ended: Ended }[] = [];
   const cancelled: bigint[] = [];
   const changes: ViewChange[] = [];
   const refused: RelightError[] = []; // answers to the changes that follow
@@ -56,9 +60,19 @@ function rig(refusals: RelightError[] = []) {
     cancel: (one: bigint) => cancelled.push(one),
     request: (type: Type, _: unknown, init: { model: string; state: ViewChange }) =>
       request(type, init),
-    stream: (type: Type, _: unknown, init: { job: string }, ...[, , ended]: Ended[]) => {
-      if (type === Type.Watch) watched.push(init.job);
-      if (type === Type.ViewOpen && ended) views.push(ended);
+    stream: (
+      type: Type,
+      _: unknown,
+      init: { job: string },
+      __: unknown,
+      answered: Answered,
+      ended: Ended,
+    ) => {
+      if (type === Type.Watch) {
+        watched.push(init.job);
+        watches.push({ answered, ended });
+      }
+      if (type === Type.ViewOpen) views.push(ended);
       return ++id;
     },
   };
@@ -81,7 +95,7 @@ function rig(refusals: RelightError[] = []) {
     viewer.show({ ...FIRST, model, lamps: [{ ...FIRST_LAMP, env: "constant" }] });
     await new Promise((done) => setTimeout(done, 10));
   };
-  return { viewer, show, watched, cancelled, faults, views, changes, refused };
+  return { viewer, show, watched, watches, cancelled, faults, views, changes, refused };
 }
 
 test("the bake of the model that is shown now is followed", async () => {
@@ -90,6 +104,31 @@ test("the bake of the model that is shown now is followed", async () => {
   await show("b");
   viewer.close();
   expect(watched).toEqual(["a", "b"]);
+});
+
+test("a bake that cannot be followed is tried again after a pause, its end at once", async () => {
+  const { show, watched, watches, viewer } = rig();
+  const wait = (ms: number) => new Promise((done) => setTimeout(done, ms));
+  await show("a");
+  watches[0]?.ended(busy(300));
+  await wait(100);
+  expect(watched.length).toBe(1);
+  await wait(300);
+  expect(watched.length).toBe(2);
+  watches[1]?.answered({ message: create(ProgressSchema, { state: JobState.JOB_NONE }) });
+  watches[1]?.ended(null);
+  await wait(100);
+  expect(watched.length).toBe(2);
+  await wait(1000);
+  expect(watched.length).toBe(3);
+  watches[2]?.answered({ message: create(ProgressSchema, { state: JobState.JOB_DONE }) });
+  watches[2]?.ended(null);
+  await wait(100);
+  expect(watched.length).toBe(4);
+  watches[3]?.ended(busy(300));
+  viewer.close();
+  await wait(400);
+  expect(watched.length).toBe(4);
 });
 
 test("a closed viewer follows no bake", async () => {

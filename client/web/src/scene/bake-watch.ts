@@ -10,8 +10,11 @@ import {
   type ModelInfo,
   type Progress,
 } from "../gen/relight_pb";
+import { busyMs } from "../protocol/busy";
 import type { Client } from "../protocol/client";
 import { Type } from "../protocol/frame";
+
+const PAUSE_MS = 1000; // before a model is opened again whose bake could not be followed
 
 const bakes = ({ state }: ModelInfo) =>
   state === ModelState.MODEL_BAKING || state === ModelState.MODEL_RECEIVED;
@@ -27,6 +30,7 @@ export class BakeWatch {
   private readonly events: BakeEvents;
   private request = 0n; // 0: nothing is followed
   private model = "";
+  private pause: ReturnType<typeof setTimeout> | undefined;
 
   constructor(client: Client, events: BakeEvents) {
     this.client = client;
@@ -41,6 +45,7 @@ export class BakeWatch {
     }
     if (this.request || !bakes(info)) return;
     this.model = info.model;
+    let over = false; // the bake is
     const mine = (this.request = this.client.stream(
       Type.Watch,
       WatchRequestSchema,
@@ -48,14 +53,20 @@ export class BakeWatch {
       ProgressSchema,
       ({ message }) => {
         const ended = message.state >= JobState.JOB_DONE;
+        over = ended && message.state !== JobState.JOB_NONE;
         if (this.request === mine) this.events.progress(ended ? null : message);
       },
-      () => {
+      (error) => {
         if (this.request !== mine) return;
-        this.request = 0n;
-        if (this.client.hello) this.events.ended();
+        if (over || !this.client.hello) this.end();
+        else this.pause = setTimeout(() => this.end(), busyMs(error) ?? PAUSE_MS);
       },
     ));
+  }
+
+  private end(): void {
+    this.request = 0n;
+    if (this.client.hello) this.events.ended();
   }
 
   async cancel(job: string): Promise<void> {
@@ -68,6 +79,7 @@ export class BakeWatch {
   }
 
   close(): void {
+    clearTimeout(this.pause);
     if (this.request) this.client.cancel(this.request);
     this.request = 0n;
   }
