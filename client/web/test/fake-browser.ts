@@ -74,6 +74,9 @@ vi.stubGlobal("location", {
   get href() {
     return url().href;
   },
+  get pathname() {
+    return url().pathname;
+  },
   get hash() {
     return url().hash;
   },

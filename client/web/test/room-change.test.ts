@@ -3,7 +3,7 @@
 import { create } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import { fakeDaemon, tellState, turn } from "./fake-browser";
-import { PinSchema, SeenSchema } from "../src/gen/relight_pb";
+import { PinSchema, RoomRole, SeenSchema } from "../src/gen/relight_pb";
 import { Type } from "../src/protocol/frame";
 import type { Mesh } from "../src/scene/geometry";
 import type { Viewer } from "../src/scene/viewer";
@@ -12,6 +12,7 @@ const store = await import("../src/ui/store");
 const here = await import("../src/room/here");
 const session = await import("../src/room/session");
 const review = await import("../src/ui/review-state");
+const { invite } = await import("../src/ui/invite");
 const { anchors } = await import("../src/room/anchored");
 const { handIsTold, tell } = await import("../src/room/presence");
 const daemon = fakeDaemon(store.client);
@@ -105,6 +106,18 @@ test("a hand of one room is not told in the next", () => {
   tell({ hand: { scene: { model: MODEL }, parts: ["model"] } });
   sitIn("r2", 0);
   expect(handIsTold()).toBe(false);
+});
+
+test("an invitation is to the room that it was made in", async () => {
+  let answer: (message: unknown) => void = () => undefined;
+  daemon.answer = (type) =>
+    type === Type.RoomEdit ? new Promise((done) => (answer = done)) : {};
+  sitIn("r1", 0);
+  const link = invite("Cy", RoomRole.ROLE_VIEWER, 1);
+  await turn();
+  sitIn("r2", 0);
+  answer({ secret: "relight_guest_1" });
+  expect(await link).toMatch(/room=r1#token=relight_guest_1$/);
 });
 
 test("a change of one room that has no answer does not hide the scene of the next", async () => {

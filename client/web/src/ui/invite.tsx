@@ -9,13 +9,14 @@ import { copied } from "./copy";
 
 const DAY_S = 86400;
 
-/** The link; empty where it was refused. */
-async function invite(name: string, may: RoomRole, days: number): Promise<string> {
+/** The link to the room that the page is in; empty where it was refused. */
+export async function invite(name: string, may: RoomRole, days: number): Promise<string> {
+  const room = roomId.value; // the answer may come when the page is in another one
   const expiresS = BigInt(Math.floor(Date.now() / 1000) + days * DAY_S);
   const answer = await act({ invite: { name, role: may, expiresS } });
   if (!answer?.secret) return "";
   const url = new URL(location.pathname, location.href);
-  url.searchParams.set("room", roomId.value);
+  url.searchParams.set("room", room);
   url.hash = `token=${answer.secret}`;
   return url.href;
 }
