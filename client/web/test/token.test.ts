@@ -21,3 +21,13 @@ test("a token is kept for longer only where a person asks", () => {
   expect(sessionStorage.getItem("relight-token")).toBe("relight_third");
   expect(localStorage.getItem("relight-token")).toBeNull();
 });
+
+test("the token of a link that is opened in the same tab is used", () => {
+  let used = "";
+  store.client.useToken = (token) => (used = token);
+  browser.type("#token=relight_guest_new&model=cow");
+  expect(used).toBe("relight_guest_new");
+  expect(sessionStorage.getItem("relight-token")).toBe("relight_guest_new");
+  expect(browser.entries.map(({ url }) => url).join(" ")).not.toContain("guest_new");
+  expect(store.scene.value.model).toBe("cow");
+});

@@ -31,17 +31,18 @@ const TOKEN_KEY = "relight-token";
 
 // ---- the token: from the fragment or a prompt, kept for the tab, for longer only when asked
 
-function firstToken(): string {
+/** The token of a link, which goes out of the address; null: it has none. */
+function tokenOfLink(): string | null {
   const words = new URLSearchParams(location.hash.slice(1));
   const given = words.get("token");
-  if (given !== null) {
-    words.delete("token");
-    history.replaceState(history.state, "", `#${words.toString()}`);
-    sessionStorage.setItem(TOKEN_KEY, given);
-    return given;
-  }
-  return sessionStorage.getItem(TOKEN_KEY) ?? localStorage.getItem(TOKEN_KEY) ?? "";
+  if (given === null) return null;
+  words.delete("token");
+  history.replaceState(history.state, "", `#${words.toString()}`);
+  sessionStorage.setItem(TOKEN_KEY, given);
+  return given;
 }
+const firstToken = () =>
+  tokenOfLink() ?? sessionStorage.getItem(TOKEN_KEY) ?? localStorage.getItem(TOKEN_KEY) ?? "";
 
 export function useToken(token: string, remember: boolean): void {
   sessionStorage.setItem(TOKEN_KEY, token);
@@ -197,8 +198,11 @@ function step(from: typeof done, to: typeof done): void {
 export const undo = () => (roomHistory.value ? roomHistory.value.undo() : step(done, undone));
 export const redo = () => (roomHistory.value ? roomHistory.value.redo() : step(undone, done));
 
-// In a room all share the scene: room/session.ts handles Back there.
+// In a room all share the scene: room/session.ts handles Back there. A person may open another link in
+// this tab: a new invitation, in place of one that has expired.
 addEventListener("popstate", () => {
+  const given = tokenOfLink();
+  if (given !== null) client.useToken(given);
   if (!roomId.value) showAddress();
 });
 
