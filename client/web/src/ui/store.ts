@@ -17,7 +17,7 @@ import {
 } from "../gen/relight_pb";
 import { busyMs, whenFree } from "../protocol/busy";
 import { Client, type ConnectionState } from "../protocol/client";
-import { explain, type Notice } from "../protocol/errors";
+import { DisconnectedError, explain, type Notice } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { upload } from "../protocol/upload";
 import { roomId } from "../room/here";
@@ -382,15 +382,37 @@ export async function takeFiles(list: Iterable<File>): Promise<void> {
     try {
       await takeFile(file);
     } catch (error) {
-      if (!(error instanceof DOMException && error.name === "AbortError")) fault(error);
+      if (!uploading.value?.cancelled) fault(error);
     } finally {
       uploading.value = null;
     }
   }
 }
+// What is sent again goes on where it was: the daemon keeps what has come.
 async function takeFile(file: File): Promise<void> {
   uploading.value = { name: file.name, share: 0, cancelled: false };
   const bytes = new Uint8Array(await file.arrayBuffer());
+  for (;;)
+    try {
+      await sendFile(file, bytes);
+      return;
+    } catch (error) {
+      if (!(error instanceof DisconnectedError) || !(await untilBack())) throw error;
+    }
+}
+// Until the connection is back; false: it does not come, or the person waits for it no longer.
+function untilBack(): Promise<boolean> {
+  return new Promise((done) => {
+    const stop = effect(() => {
+      const { is } = connection.value;
+      const over = is === "refused" || (uploading.value?.cancelled ?? true);
+      if (!over && is !== "ready") return;
+      done(!over);
+      queueMicrotask(() => stop());
+    });
+  });
+}
+async function sendFile(file: File, bytes: Uint8Array): Promise<void> {
   const hash = await upload(
     client,
     file.name,

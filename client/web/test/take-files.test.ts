@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: MIT
+// Files that a person drops on the page: on a bad network they arrive all the same.
+import { beforeEach, expect, test, vi } from "vitest";
+import { fakeDaemon, turn } from "./fake-browser";
+import { DisconnectedError } from "../src/protocol/errors";
+import { Type } from "../src/protocol/frame";
+
+const store = await import("../src/ui/store");
+const daemon = fakeDaemon(store.client);
+const hello = store.client.hello;
+
+const light = (name: string) => new File(["light"], name);
+const sent = () => daemon.asked.filter(({ type }) => type === Type.PutBlob).length;
+// The connection is lost with the first request of a file.
+async function loseFirst() {
+  const taken = store.takeFiles([light("sky.hdr")]);
+  daemon.answer = () => {
+    daemon.answer = () => ({ complete: true });
+    store.client.hello = null;
+    store.connection.value = { is: "offline", retryAtMs: 0 };
+    throw new DisconnectedError();
+  };
+  await vi.waitFor(() => expect(store.connection.value.is).toBe("offline"));
+  await turn();
+  return { taken };
+}
+function comeBack(): void {
+  store.client.hello = hello;
+  if (hello) store.connection.value = { is: "ready", hello };
+}
+
+beforeEach(() => {
+  comeBack();
+  store.notice.value = null;
+  daemon.asked = [];
+});
+
+test("a file goes on when the connection is back", async () => {
+  const { taken } = await loseFirst();
+  expect(store.uploading.value?.name).toBe("sky.hdr");
+  expect(store.notice.value).toBeNull();
+  comeBack();
+  await taken;
+  expect(store.scene.value.lamps[0]?.env).toMatch(/^env:/);
+  expect(store.uploading.value).toBeNull();
+});
+
+test.each([
+  ["cancels it", () => (store.uploading.value = { name: "", share: 0, cancelled: true })],
+  ["is refused", () => (store.connection.value = { is: "refused", error: null as never })],
+])("a file is given up while there is no connection when its person %s", async (_, end) => {
+  const { taken } = await loseFirst();
+  end();
+  await taken;
+  expect(sent()).toBe(1);
+  expect(store.uploading.value).toBeNull();
+});
