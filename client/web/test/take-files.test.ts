@@ -55,3 +55,19 @@ test.each([
   expect(sent()).toBe(1);
   expect(store.uploading.value).toBeNull();
 });
+
+test("a file that is dropped while another is sent waits for it", async () => {
+  let answer: (message: unknown) => void = () => undefined;
+  daemon.answer = () => new Promise((done) => (answer = done));
+  const first = store.takeFiles([light("sky.hdr")]);
+  await vi.waitFor(() => expect(sent()).toBe(1));
+  const second = store.takeFiles([light("room.hdr")]);
+  await new Promise((done) => setTimeout(done, 50));
+  expect(store.uploading.value?.name).toBe("sky.hdr");
+  daemon.answer = () => ({ complete: true });
+  answer({ complete: true });
+  await first;
+  await second;
+  expect(sent()).toBe(2);
+  expect(store.uploading.value).toBeNull();
+});

@@ -369,8 +369,13 @@ const MODEL_FILE = /\.(glb|gltf|obj|ply|stl|prt)$/i;
 const LIGHT_FILE = /\.(hdr|exr|png|jpe?g)$/i;
 
 /** A dropped or chosen file: a model is shown at once and baked, an image becomes the light. */
-export async function takeFiles(list: Iterable<File>): Promise<void> {
-  for (const file of list) {
+export function takeFiles(list: Iterable<File>): Promise<void> {
+  const files = [...list]; // a browser may empty its list
+  return (taking = taking.then(() => takeAll(files)));
+}
+let taking = Promise.resolve(); // one file after the other, also of a later drop
+async function takeAll(files: readonly File[]): Promise<void> {
+  for (const file of files) {
     if (!MODEL_FILE.test(file.name) && !LIGHT_FILE.test(file.name)) {
       fault(
         new Error(
