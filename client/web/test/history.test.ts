@@ -48,6 +48,11 @@ test("Back outside of a room goes to the scene before", () => {
   expect(rotated()).toBe(10);
 });
 
+test("a link is of what is shown, where nothing has ended the turn either", () => {
+  store.setOrbit({ ...store.scene.value.orbit, azimuth: 77 });
+  expect(new URL(store.linkNow()).hash).toContain("orbit=77,");
+});
+
 test("Back in a room leaves it and writes no old scene into it", async () => {
   rotateTo(10);
   sitIn("r1", 40);

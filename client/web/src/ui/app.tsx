@@ -23,6 +23,7 @@ import {
   fault,
   info,
   lastUpload,
+  linkNow,
   loadUpload,
   mayUpload,
   models,
@@ -336,7 +337,7 @@ export function App() {
   const Panel = tabs.find((one) => one.id === tab.value)?.panel ?? LightPanel;
   const name = info.value?.name || info.value?.model.slice(0, 12) || "Choose a model";
   const share = () => {
-    void copyLink(location.href).then((done) => {
+    void copyLink(linkNow()).then((done) => {
       copied.value = done;
       setTimeout(() => (copied.value = false), 1600);
     });

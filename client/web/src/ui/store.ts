@@ -169,6 +169,11 @@ export function commit(): void {
   if (roomId.value) keepAddress();
   else history.pushState(MADE, "", `#${toFragment(now)}`);
 }
+/** The address of what is shown now, also while the turntable turns. */
+export function linkNow(): string {
+  commit();
+  return location.href;
+}
 /** The address holds the scene; no entry is added. */
 export function keepAddress(): void {
   history.replaceState(MADE, "", `#${toFragment(committed)}`);
