@@ -7,6 +7,7 @@ import {
   type Pin,
   type RoomState,
   type RoomSummary,
+  type Stamp,
 } from "../gen/relight_pb";
 
 const NAME_KEY = "relight-name";
@@ -82,10 +83,13 @@ export function markRead(): void {
   leaveRead();
   readBefore.value = Number(state.value?.sequence ?? 0n);
 }
+// People without a name, and of one name, are told apart by their principals.
+function isOwn({ by, name }: Stamp): boolean {
+  const own = people.value.get(me.value)?.by ?? by;
+  return name === myName.value && by === own;
+}
 /** Whether a pin has a note by another person that came since the room was read. */
 export const isNew = (pin: Pin) =>
   pin.notes.some(
-    (note) =>
-      Number(note.stamp?.sequence ?? 0n) > readBefore.value &&
-      note.stamp?.name !== myName.value,
+    ({ stamp }) => stamp && Number(stamp.sequence) > readBefore.value && !isOwn(stamp),
   );
