@@ -65,7 +65,8 @@ export const pinLabel = (number: bigint) =>
 export function jumpToPin(by: number): void {
   const all = shownPins.value;
   if (!all.length) return;
-  const at = all.findIndex((pin) => numberOf(pin) === openPin.value);
+  const open = all.findIndex((pin) => numberOf(pin) === openPin.value);
+  const at = open < 0 && by < 0 ? 0 : open;
   const next = all[(at + by + all.length) % all.length] ?? all[0];
   openPin.value = next ? numberOf(next) : null;
 }
