@@ -206,6 +206,16 @@ describe("the link", () => {
     const both: SceneState = { ...FIRST, compare: { mode: "wipe", at: 0.25, other: scene } };
     expect(fromFragment(toFragment(both))).toEqual(both);
   });
+  test("a curve of 256 radii is whole", () => {
+    const numbers = Array.from({ length: 256 }, (_, i) => 1 / (i + 3));
+    const material = JSON.stringify({
+      profile: "curve",
+      radius: numbers,
+      rd: [numbers, numbers, numbers],
+    });
+    const scene = { ...FIRST, material, materials: { Left: material } };
+    expect(fromFragment(toFragment(scene))).toEqual(scene);
+  });
   test("a link keeps the colour of a weak light", () => {
     const gain: [number, number, number] = [0.015625, 0.0015625, 0.00078125];
     const back = fromFragment(toFragment({ ...FIRST, lamps: [{ ...FIRST_LAMP, gain }] }));

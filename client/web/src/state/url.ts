@@ -53,12 +53,17 @@ function lampFrom(text: string): LampState | null {
   return { env, rotate, tilt: Math.min(90, Math.max(-90, tilt)), gain };
 }
 
+const MOST_MATERIAL = 65536; // bytes that the daemon takes: half a curve would be none
+
 // material.OBJECT, as in the daemon's HTTP queries.
 const MATERIAL_OF = "material.";
 function materialsFrom(words: URLSearchParams): Record<string, string> {
   const entries = [...words]
     .filter(([name, text]) => name.startsWith(MATERIAL_OF) && text)
-    .map(([name, text]) => [name.slice(MATERIAL_OF.length, 130), text.slice(0, 8000)] as const);
+    .map(
+      ([name, text]) =>
+        [name.slice(MATERIAL_OF.length, 130), text.slice(0, MOST_MATERIAL)] as const,
+    );
   return Object.fromEntries(entries.filter(([object]) => object).slice(0, 64));
 }
 
@@ -119,7 +124,7 @@ export function fromFragment(fragment: string): SceneState {
   return {
     model: (words.get("model") ?? "").slice(0, 300),
     lamps: lamps.length ? lamps : [FIRST_LAMP],
-    material: (words.get("material") ?? "").slice(0, 8000),
+    material: (words.get("material") ?? "").slice(0, MOST_MATERIAL),
     materials: materialsFrom(words),
     variant: (words.get("variant") ?? "").slice(0, 63),
     term: word(words.get("term"), TERMS, FIRST.term),
