@@ -349,8 +349,7 @@ static struct edit *new_edit(struct request *request, struct room *room,
     return NULL;
 }
 
-// A retry of what was done: true when it was answered.
-static bool answer_repeated(struct request *request, const struct room *room)
+bool room_edit_repeated(struct request *request, const struct room *room)
 {
     const Relight__RoomEditRequest *in = (const Relight__RoomEditRequest *)request->message;
     if (request->type != RELIGHT_TYPE_ROOM_EDIT) return false;
@@ -372,7 +371,7 @@ static bool answer_repeated(struct request *request, const struct room *room)
 void room_edit(struct request *request, struct room *room, const Relight__RoomAction *action,
                int role)
 {
-    if (answer_repeated(request, room)) return;
+    if (room_edit_repeated(request, room)) return;
     struct edit *edit = new_edit(request, room, action, role);
     if (!edit) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");

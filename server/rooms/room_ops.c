@@ -348,9 +348,11 @@ static void edit_room(struct request *request)
     with_room(request, MESSAGE(RoomEditRequest)->room, edit);
 }
 
-// The poses of scenes are on the disk before the room names them.
+// The poses of scenes are on the disk before the room names them. A retry needs neither them
+// nor a model: they may be gone since.
 static void keep_and_edit(struct request *request, struct room *room)
 {
+    if (room_edit_repeated(request, room)) return;
     if (caller_role(request, room) >= RELIGHT__ROOM_ROLE__ROLE_REVIEWER)
         poses_keep_then(request, edit_room);
     else edit(request, room);

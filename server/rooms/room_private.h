@@ -235,6 +235,8 @@ struct payload payload_of(void *bytes, size_t n);
  * seen: what the daemon found, for pins and decisions; NULL otherwise. */
 void room_edit(struct request *request, struct room *room, const Relight__RoomAction *action,
                int role);
+/* A retry of an edit that was done: true when it was answered. */
+bool room_edit_repeated(struct request *request, const struct room *room);
 /* Of a refusal for the role in a room. */
 extern const char room_role_hint[];
 /* Starts the edits that waited for the room to be read. */

@@ -905,6 +905,48 @@ static void a_retry_is_done_once(void **unused)
     end();
 }
 
+// The answer to an edit of this client's number 7.
+static struct reply edit_seven(struct frames *f, const char *room,
+                               const Relight__RoomAction *action)
+{
+    room_add_edit(f, 6, room, action, "Ann", "00112233445566bb", 7);
+    frames_send(f);
+    return reply_to(f, 6);
+}
+
+// A decision whose answer was lost is done, whatever became of its model.
+static void a_retry_needs_no_model(void **unused)
+{
+    begin(NULL);
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    char room[33], id[ID_SIZE];
+    load_preview(client, "2", id);
+    room_create(f, "once", room);
+    show_model(f, room, id);
+    Relight__Decide decide = RELIGHT__DECIDE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    action.decide = &decide;
+    struct reply r = edit_seven(f, room, &action);
+    if (r.code) fail_msg("%s", r.text);
+    reply_free(&r);
+    Relight__UnloadRequest unload = RELIGHT__UNLOAD_REQUEST__INIT;
+    unload.model = id;
+    unload.forget = unload.force = true;
+    frames_add(f, RELIGHT_TYPE_UNLOAD, 9, &unload.base, NULL, 0);
+    frames_send(f);
+    r = reply_to(f, 9);
+    if (r.code) fail_msg("UNLOAD: %s", r.text);
+    reply_free(&r);
+    r = edit_seven(f, room, &action);
+    if (r.code) fail_msg("%s", r.text);
+    assert_true(((Relight__RoomEditAnswer *)r.message)->repeated);
+    reply_free(&r);
+    frames_close(f);
+    relight_close(client);
+    end();
+}
+
 // Files can not grow any more, as on a full disk.
 static void a_full_disk_loses_nothing(void **unused)
 {
@@ -1010,6 +1052,7 @@ int main(void)
         cmocka_unit_test_teardown(refused_rooms_do_not_count, teardown),
         cmocka_unit_test_teardown(an_event_gets_its_room, teardown),
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
+        cmocka_unit_test_teardown(a_retry_needs_no_model, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
         cmocka_unit_test_teardown(backup, teardown),
     };
