@@ -361,6 +361,12 @@ bool room_edit_repeated(struct request *request, const struct room *room)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BUSY, "it is being written just now");
         return true;
     }
+    if (in->action && in->action->invite) { // the log has its hash alone
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
+                     "the invitation was made, but its secret went with the first answer: "
+                     "revoke it and make another");
+        return true;
+    }
     Relight__RoomEditAnswer out = RELIGHT__ROOM_EDIT_ANSWER__INIT;
     out.sequence = sequence;
     out.repeated = true;

@@ -947,6 +947,28 @@ static void a_retry_needs_no_model(void **unused)
     end();
 }
 
+// The secret of an invitation is in its first answer alone: a retry says so.
+static void a_retried_invitation_has_no_secret(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33];
+    room_create(f, "once", room);
+    Relight__Invite invite = RELIGHT__INVITE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    invite.role = RELIGHT__ROOM_ROLE__ROLE_VIEWER;
+    action.invite = &invite;
+    struct reply r = edit_seven(f, room, &action);
+    if (r.code) fail_msg("%s", r.text);
+    reply_free(&r);
+    r = edit_seven(f, room, &action);
+    assert_int_equal(r.code, RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    assert_non_null(strstr(r.text, "revoke it"));
+    reply_free(&r);
+    frames_close(f);
+    end();
+}
+
 // Files can not grow any more, as on a full disk.
 static void a_full_disk_loses_nothing(void **unused)
 {
@@ -1053,6 +1075,7 @@ int main(void)
         cmocka_unit_test_teardown(an_event_gets_its_room, teardown),
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
         cmocka_unit_test_teardown(a_retry_needs_no_model, teardown),
+        cmocka_unit_test_teardown(a_retried_invitation_has_no_secret, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
         cmocka_unit_test_teardown(backup, teardown),
     };
