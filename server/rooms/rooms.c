@@ -451,6 +451,7 @@ int rooms_create(struct server *server, struct rooms **out)
 {
     char fault[256], option[4096];
     const char *where;
+    struct timespec now;
     struct rooms *rooms = calloc(1, sizeof *rooms);
     if (server->options.rooms[0]) snprintf(option, sizeof option, "%s", server->options.rooms);
     else snprintf(option, sizeof option, "sqlite:%s/rooms.sqlite", server->data);
@@ -463,6 +464,9 @@ int rooms_create(struct server *server, struct rooms **out)
         return -1;
     }
     rooms->server = server;
+    clock_gettime(CLOCK_REALTIME, &now);
+    rooms->last_key = (uint64_t)now.tv_sec * 1000000; // above those of earlier runs
+    rooms->last_key += (uint64_t)now.tv_nsec / 1000;
     *out = rooms;
     if (read_guests(rooms) || charge_owners(rooms) || read_keeps_at_start(rooms) ||
         tokens_share(rooms)) {

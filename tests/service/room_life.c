@@ -969,6 +969,34 @@ static void a_retried_invitation_has_no_secret(void **unused)
     end();
 }
 
+// The participant of a new seat.
+static uint64_t seat_key(struct frames *f, const char *room)
+{
+    room_add_subscribe(f, 10, room, 0, "Ann");
+    frames_send(f);
+    struct reply r = event_of(f, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE);
+    uint64_t key = ((Relight__Event *)r.message)->participant;
+    reply_free(&r);
+    return key;
+}
+
+// Who followed somebody before a restart follows nobody else after it.
+static void a_restart_gives_other_participants(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33];
+    room_create(f, "people", room);
+    uint64_t before = seat_key(f, room);
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    assert_true(seat_key(f, room) > before);
+    frames_close(f);
+    end();
+}
+
 // Files can not grow any more, as on a full disk.
 static void a_full_disk_loses_nothing(void **unused)
 {
@@ -1076,6 +1104,7 @@ int main(void)
         cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
         cmocka_unit_test_teardown(a_retry_needs_no_model, teardown),
         cmocka_unit_test_teardown(a_retried_invitation_has_no_secret, teardown),
+        cmocka_unit_test_teardown(a_restart_gives_other_participants, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
         cmocka_unit_test_teardown(backup, teardown),
     };
