@@ -18,13 +18,18 @@ struct seen_wait {
     seen_fn fn;
 };
 
+// Also one whose file is not open; a preview that is not is MODEL_UNLOADED for model_state(),
+// too.
+static bool is_baked(const struct model *model)
+{
+    return model->state == RELIGHT__MODEL_STATE__MODEL_READY;
+}
+
 Relight__Engine engine_for(const struct server *server, const char *id,
                            const Relight__Shade *shade)
 {
     const struct model *model = models_get(server->models, id);
-    int state = model ? model_state(model) : 0;
-    bool baked = state == RELIGHT__MODEL_STATE__MODEL_READY ||
-                 state == RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+    bool baked = model && is_baked(model);
     if (shade && shade->engine) return shade->engine;
     return baked ? RELIGHT__ENGINE__ENGINE_DEFAULT : RELIGHT__ENGINE__ENGINE_SPLAT;
 }
@@ -43,9 +48,7 @@ static void fill_and_go(struct seen_wait *w, struct request *request)
     const struct prt_transport *t = prt_file_transport(file);
     Relight__Seen seen = RELIGHT__SEEN__INIT;
     struct model_hashes hashes = model_hashes(file);
-    int state = model_state(w->model);
-    bool baked = state == RELIGHT__MODEL_STATE__MODEL_READY ||
-                 state == RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+    bool baked = is_baked(w->model);
     static const int engines[] = {RELIGHT__ENGINE__ENGINE_WAVELET,
                                   RELIGHT__ENGINE__ENGINE_POLYNOMIAL,
                                   RELIGHT__ENGINE__ENGINE_JOINT};

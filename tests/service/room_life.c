@@ -997,6 +997,43 @@ static void a_restart_gives_other_participants(void **unused)
     end();
 }
 
+// The engine that drew the room's scene.
+static int engine_of_picture(struct frames *f, const char *room)
+{
+    Relight__RoomPictureRequest m = RELIGHT__ROOM_PICTURE_REQUEST__INIT;
+    m.room = (char *)room;
+    m.width = m.height = 16;
+    frames_add(f, RELIGHT_TYPE_ROOM_PICTURE, 9, &m.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 9);
+    if (r.code) fail_msg("ROOM_PICTURE: %s", r.text);
+    int engine = (int)((Relight__ImageAnswer *)r.message)->cost->engine;
+    reply_free(&r);
+    return engine;
+}
+
+// A preview that is on the disk alone is no bake.
+static void a_preview_is_drawn_alike_after_a_restart(void **unused)
+{
+    begin(NULL);
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    char room[33], id[ID_SIZE];
+    load_preview(client, "2", id);
+    relight_close(client);
+    room_create(f, "preview", room);
+    assert_int_equal(room_rotate(f, room, 1), 0);
+    show_model(f, room, id);
+    assert_int_equal(engine_of_picture(f, room), RELIGHT__ENGINE__ENGINE_SPLAT);
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    assert_int_equal(engine_of_picture(f, room), RELIGHT__ENGINE__ENGINE_SPLAT);
+    frames_close(f);
+    end();
+}
+
 // Files can not grow any more, as on a full disk.
 static void a_full_disk_loses_nothing(void **unused)
 {
@@ -1105,6 +1142,7 @@ int main(void)
         cmocka_unit_test_teardown(a_retry_needs_no_model, teardown),
         cmocka_unit_test_teardown(a_retried_invitation_has_no_secret, teardown),
         cmocka_unit_test_teardown(a_restart_gives_other_participants, teardown),
+        cmocka_unit_test_teardown(a_preview_is_drawn_alike_after_a_restart, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
         cmocka_unit_test_teardown(backup, teardown),
     };
