@@ -18,6 +18,7 @@ const refuse = (page, type) =>
   }, type);
 const permit = (page) => page.evaluate(() => delete globalThis.relightViewer.client.request);
 const ROOM_EDIT = 31;
+const ROOM_PICTURE = 32;
 
 /** tools: open, mode, shot, folder, PATIENCE of page.mjs. */
 export function faultScenarios({ open, mode, shot, folder, PATIENCE }) {
@@ -80,6 +81,20 @@ export function faultScenarios({ open, mode, shot, folder, PATIENCE }) {
       await ann.getByRole("button", { name: "Reply", exact: true }).click();
       await ann.locator(".thread li").getByText("a longer thought").waitFor(PATIENCE);
       assert.equal(await reply.inputValue(), "");
+      await ann.context().close();
+    },
+
+    async "a decision is about the picture that was drawn again"(home) {
+      const ann = await create(home, "model=marble.prt&light=constant@0,0", "Ann", "Again");
+      await rests(ann);
+      await refuse(ann, ROOM_PICTURE);
+      await ann.getByRole("button", { name: "Approve", exact: true }).click();
+      await ann.getByText("This cannot be drawn").waitFor(PATIENCE);
+      await permit(ann);
+      await ann.evaluate(() => globalThis.relightViewer.client.reconnect());
+      await ann.getByAltText("What the decision is about").waitFor(PATIENCE);
+      await ann.getByRole("button", { name: "Approve this picture" }).click();
+      await ann.getByText("approved as it is now").waitFor(PATIENCE);
       await ann.context().close();
     },
 

@@ -15,7 +15,7 @@ import { anchorText } from "../room/anchor";
 import { act, edit } from "../room/edits";
 import { alone, isNew, markRead, mayReview, role, roomId, state, watched } from "../room/here";
 import { lookAgain, made, madeKey } from "../room/made";
-import { drawingOf, forgetPresent, hashOf, type Drawing } from "../room/pictures";
+import { drawingOf, forgetPresent, hashOf } from "../room/pictures";
 import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
@@ -338,7 +338,6 @@ interface Asked {
   approve: boolean;
   scene: Scene;
   made: string;
-  picture: Promise<Drawing>;
 }
 const isStale = (asked: Asked) =>
   asked.made !== madeKey.value || !sameJson(asked.scene, state.value?.scene);
@@ -351,13 +350,10 @@ function Decide() {
   const ask = (approve: boolean) => {
     putDown();
     const scene = state.value?.scene;
-    if (!scene) return;
-    const picture = drawingOf({}, PICTURE);
-    picture.catch(() => undefined); // Picture says why
-    about.value = { approve, scene, made: madeKey.value, picture };
+    if (scene) about.value = { approve, scene, made: madeKey.value };
   };
-  const decide = async ({ approve, scene, picture }: Asked) => {
-    const { png, drawn } = await picture;
+  const decide = async ({ approve, scene }: Asked) => {
+    const { png, drawn } = await drawingOf({}, PICTURE); // as Picture has it
     const pictureHash = await hashOf(png);
     about.value = null;
     try {
