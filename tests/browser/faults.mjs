@@ -98,6 +98,48 @@ export function faultScenarios({ open, mode, shot, folder, PATIENCE }) {
       await ann.context().close();
     },
 
+    async "a picture comes back after the browser took the GPU away"(home) {
+      const page = await open(`${home}/#model=marble.prt&light=constant@0,0`);
+      await mode(page, "mesh");
+      const settled = () =>
+        page.waitForFunction(() => globalThis.relightViewer.settled, null, PATIENCE);
+      const sum = () =>
+        page.evaluate(() => {
+          const bytes = globalThis.relightViewer.stage.readEncoded(64, 64);
+          return bytes.reduce((all, byte) => all + byte, 0);
+        });
+      await page.waitForFunction(
+        () => globalThis.relightViewer.status.stream === "coefficients",
+        null,
+        PATIENCE,
+      );
+      await settled();
+      const before = await sum();
+      const frames = await page.evaluate(() => globalThis.relightViewer.status.frames);
+      await page.evaluate(async () => {
+        const gl = globalThis.relightViewer.stage.renderer.getContext();
+        const lose = gl.getExtension("WEBGL_lose_context");
+        const { canvas } = globalThis.relightViewer;
+        const restored = new Promise((done) =>
+          canvas.addEventListener("webglcontextrestored", done),
+        );
+        canvas.addEventListener("webglcontextlost", () =>
+          setTimeout(() => lose.restoreContext(), 50),
+        );
+        lose.loseContext();
+        await restored;
+      });
+      await page.waitForFunction(
+        (n) => globalThis.relightViewer.status.frames > n,
+        frames,
+        PATIENCE,
+      );
+      await settled();
+      const after = await sum();
+      assert.ok(Math.abs(after - before) < 0.01 * before, `${after} of ${before}`);
+      await page.context().close();
+    },
+
     async "the same file is chosen twice"(home) {
       const page = await open(`${home}/#model=marble.prt`);
       await mode(page, "mesh");

@@ -31,6 +31,9 @@ interface ViewChange {
   lights?: { env?: unknown }[];
 }
 
+const fakeCanvas = () =>
+  Object.assign(new EventTarget(), { clientWidth: 64, clientHeight: 64 }) as HTMLCanvasElement;
+
 // A viewer of a daemon whose models all bake; what it watches and cancels.
 function rig(refusals: RelightError[] = []) {
   const faults: { text: string; again: boolean }[] = [];
@@ -76,7 +79,7 @@ function rig(refusals: RelightError[] = []) {
       return ++id;
     },
   };
-  const canvas = { clientWidth: 64, clientHeight: 64 } as HTMLCanvasElement;
+  const canvas = fakeCanvas();
   const viewer = new Viewer(
     client as unknown as Client,
     { canvas, pictureCanvas: canvas },
@@ -158,6 +161,17 @@ test("a view that a busy daemon ended is opened again, unless it was closed", as
   viewer.close();
   await new Promise((done) => setTimeout(done, 400));
   expect(views.length).toBe(2);
+});
+
+test("light that a lost GPU had is asked for again, unless the viewer was closed", async () => {
+  const { show, viewer, changes } = rig();
+  await show("a");
+  viewer.canvas.dispatchEvent(new Event("webglcontextrestored"));
+  await vi.waitFor(() => expect(changes.length).toBe(1), { timeout: 10_000 });
+  viewer.close();
+  viewer.canvas.dispatchEvent(new Event("webglcontextrestored"));
+  await new Promise((done) => setTimeout(done, 10));
+  expect(changes.length).toBe(1);
 });
 
 test("a medium that is refused loses neither the lights nor the term sent with it", async () => {
@@ -255,7 +269,7 @@ async function formatsOf(gain: { x: number; y: number; z: number } | undefined, 
     },
   };
   const stage = new Proxy({}, { get: () => () => undefined }) as Stage;
-  const canvas = { clientWidth: 64, clientHeight: 64 } as HTMLCanvasElement;
+  const canvas = fakeCanvas();
   const none = () => undefined;
   const viewer = new Viewer(
     client as unknown as Client,

@@ -125,6 +125,7 @@ export class Viewer {
   private pictureFrame = 0n;
   private outgoing: Outgoing[] = []; // of coefficients, and of colours in parts
   private readonly noWebGL: boolean;
+  private readonly over = new AbortController();
 
   constructor(
     client: Client,
@@ -137,6 +138,11 @@ export class Viewer {
     this.pictureCanvas = host.pictureCanvas;
     this.stage = stage;
     this.noWebGL = stage === null;
+    // A browser takes the GPU from a page behind others, a phone often: what it computed there is gone,
+    // and comes with a new frame.
+    this.canvas.addEventListener("webglcontextrestored", () => this.changed(), {
+      signal: this.over.signal,
+    });
     this.events = events;
     this.bake = new BakeWatch(client, {
       progress: (progress) => this.setStatus({ ...this.status, progress }),
@@ -692,6 +698,7 @@ export class Viewer {
   }
 
   close(): void {
+    this.over.abort();
     this.opening++;
     this.closeView();
     this.bake.close();
