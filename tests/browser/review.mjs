@@ -56,6 +56,40 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.context().close();
     },
 
+    async "a second finger is no part of a stroke"(home) {
+      const ann = await begin(home, "Ann", "Fingers");
+      await pin(ann, "a dent", [340, 330]); // the surface is here
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("d");
+      await ann.evaluate(() => {
+        const finger = (kind, pointerId, x, y) =>
+          document.elementFromPoint(300, 340).dispatchEvent(
+            new PointerEvent(kind, {
+              pointerId,
+              isPrimary: pointerId === 101,
+              pointerType: "touch",
+              clientX: x,
+              clientY: y,
+              buttons: 1,
+              bubbles: true,
+            }),
+          );
+        finger("pointerdown", 101, 300, 340);
+        for (let i = 1; i <= 5; i++) finger("pointermove", 101, 300 + 4 * i, 340);
+        finger("pointerdown", 102, 360, 400);
+        for (let i = 1; i <= 5; i++) finger("pointermove", 102, 360, 400 - 4 * i);
+        finger("pointerup", 102, 360, 380);
+        for (let i = 6; i <= 12; i++) finger("pointermove", 101, 300 + 4 * i, 340);
+        finger("pointerup", 101, 348, 340);
+      });
+      const kept = ann.locator(".strokes g polyline");
+      await kept.first().waitFor({ ...PATIENCE, state: "attached" });
+      const strokes = roomLog(roomOf(ann)).filter(({ action }) => action.stroke);
+      assert.equal(strokes.length, 1);
+      assert.equal(strokes[0].action.stroke.points.length, 13);
+      await ann.context().close();
+    },
+
     async "revisions are compared and brought back"(home) {
       const ann = await begin(home, "Ann", "Revisions");
       const save = async (note) => {

@@ -45,14 +45,15 @@ function finishStroke(): void {
   drawn.value = [];
 }
 
-// From a press to its end; leaves the surface where it must.
+// From a press to its end, by one pointer; leaves the surface where it must.
 function draw(event: PointerEvent, host: HTMLElement): void {
   const box = host.getBoundingClientRect();
   const stop = new AbortController();
   const { signal: over } = stop;
   let last = { x: -1e9, y: -1e9 };
+  const isOther = ({ pointerId }: PointerEvent) => pointerId !== event.pointerId;
   const add = (at: PointerEvent) => {
-    if (Math.hypot(at.clientX - last.x, at.clientY - last.y) < STEP_PX) return;
+    if (isOther(at) || Math.hypot(at.clientX - last.x, at.clientY - last.y) < STEP_PX) return;
     const point = drawn.value.length < MOST_POINTS ? pointUnder(at, box) : null;
     if (!point) return;
     last = { x: at.clientX, y: at.clientY };
@@ -65,7 +66,8 @@ function draw(event: PointerEvent, host: HTMLElement): void {
   drawn.value = [];
   add(event);
   addEventListener("pointermove", add, { signal: over });
-  const end = () => {
+  const end = (at: PointerEvent) => {
+    if (isOther(at)) return;
     stop.abort();
     finishStroke();
   };
@@ -103,6 +105,7 @@ function useHands(host: { current: HTMLDivElement | null }, size: { value: Size 
         if (!(event.target instanceof Element) || !event.target.closest(".stage")) return;
         event.preventDefault();
         event.stopPropagation();
+        if (!event.isPrimary) return; // another finger
         if (tool.value === "pin") place(event, box.getBoundingClientRect());
         else draw(event, box);
       },
