@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What a person writes in a room stays until the daemon has it.
-import { beforeEach, expect, test } from "vitest";
+import { beforeEach, expect, test, vi } from "vitest";
 import { fakeDaemon, turn } from "./fake-browser";
 import { ErrorCode } from "../src/gen/relight_pb";
 import { RelightError } from "../src/protocol/errors";
@@ -70,4 +70,18 @@ test("a room that is refused is none, and the page says so", async () => {
   };
   expect(await createRoom("Bumps")).toBe(false);
   expect(notice.value?.text).toBe("no more rooms");
+});
+
+test("a room is made once, however often its button is pressed", async () => {
+  let answer: (message: unknown) => void = () => undefined;
+  daemon.answer = (type) =>
+    type === Type.RoomCreate ? new Promise((done) => (answer = done)) : { complete: true };
+  const both = [createRoom("Bumps"), createRoom("Bumps")];
+  const made = () => daemon.asked.filter(({ type }) => type === Type.RoomCreate).length;
+  await vi.waitFor(() => expect(made()).toBeGreaterThan(0));
+  await new Promise((done) => setTimeout(done, 50));
+  answer({ room: "r9" });
+  expect(await Promise.all(both)).toEqual([true, true]);
+  expect(made()).toBe(1);
+  expect(roomId.value).toBe("r9");
 });

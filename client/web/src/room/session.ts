@@ -90,8 +90,12 @@ export async function listRooms(): Promise<void> {
   }
 }
 
-/** Makes a room and goes into it; false where it was refused. */
-export async function createRoom(name: string): Promise<boolean> {
+let creating: Promise<boolean> | null = null;
+/** Makes a room and goes into it, once while it is being made; false where it was refused. */
+export function createRoom(name: string): Promise<boolean> {
+  return (creating ??= makeRoom(name).finally(() => (creating = null)));
+}
+async function makeRoom(name: string): Promise<boolean> {
   try {
     const first = await shownScene();
     const { message } = await client.request(
