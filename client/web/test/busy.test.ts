@@ -73,6 +73,16 @@ test("the list of models is read again, and its message ends then", async () => 
   expect(store.notice.value).toBeNull();
 });
 
+test("the list of models has all answers", async () => {
+  daemon.answer = (_, { after }) =>
+    after
+      ? { models: [{ name: "last", model: "l" }], next: 0n }
+      : { ...LIST, files: [{ path: "a.prt" }], next: 7n };
+  await store.refresh();
+  expect(store.models.value?.map(({ name }) => name)).toEqual(["bunny", "last"]);
+  expect(store.files.value).toEqual(["a.prt"]);
+});
+
 test("the list of rooms is read again", async () => {
   refuseFirst(Type.RoomList, 1, { rooms: [] });
   here.rooms.value = null;

@@ -277,20 +277,31 @@ function connectionChanged(state: ConnectionState): void {
   } else if (state.is === "refused") fault(state.error, CONNECTION);
 }
 
-const list = () =>
+const listAfter = (after: bigint) =>
   client.request(
     Type.List,
     ListRequestSchema,
-    { environments: true, files: true },
+    { environments: !after, files: !after, after },
     ListAnswerSchema,
   );
+// An answer has 256 models at most.
+async function list() {
+  const { message } = await listAfter(0n);
+  const all = [...message.models];
+  for (let { next } = message; next; ) {
+    const { message: more } = await listAfter(next);
+    all.push(...more.models);
+    ({ next } = more);
+  }
+  return { ...message, models: all };
+}
 let reading = 0; // grows with every reading of the lists: the newest waits for a busy daemon
 /** Reads the lists of models and environments anew. */
 export async function refresh(): Promise<void> {
   if (client.hello?.principal.startsWith("guest:")) return; // a room alone
   const mine = ++reading;
   try {
-    const { message } = await whenFree(list, (error) => {
+    const message = await whenFree(list, (error) => {
       if (mine === reading) fault(error, LISTS, true);
       return mine === reading;
     });
