@@ -4,6 +4,7 @@
 
 #include "common/room_name.h"
 
+#include <errno.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -112,11 +113,16 @@ static struct destination *open_target(struct control *c, int *status)
 
 // ---- running
 
+// A program that was stopped and goes on (Ctrl-Z, fg) waits on: EINTR ends both calls then.
 static void wait_for_end(const struct options *o, const sigset_t *signals)
 {
-    struct timespec t = {(time_t)o->for_s, (long)((o->for_s - (double)(time_t)o->for_s) * 1e9)};
-    if (o->for_s > 0) sigtimedwait(signals, NULL, &t);
-    else sigwaitinfo(signals, NULL);
+    const uint64_t end = control_now_ns() + (uint64_t)(o->for_s * 1e9);
+    int got;
+    do {
+        uint64_t now = control_now_ns(), left = end > now ? end - now : 0;
+        struct timespec t = {(time_t)(left / 1000000000u), (long)(left % 1000000000u)};
+        got = o->for_s > 0 ? sigtimedwait(signals, NULL, &t) : sigwaitinfo(signals, NULL);
+    } while (got < 0 && errno == EINTR);
 }
 
 static void print_measures(const struct usb_counts *u, const struct motion_times *t)

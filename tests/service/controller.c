@@ -293,6 +293,29 @@ static void mapping_file(void **state)
     end_room();
 }
 
+// Ctrl-Z and fg: the program goes on, and --for ends it in its time.
+static void stopped_and_continued(void **state)
+{
+    int how;
+    begin_room(20);
+    struct mock_device *mate = mock_plug(&powermate);
+    for (int limited = 0; limited < 2; limited++) {
+        start_control((const char *[]){room, "--for", limited ? "4" : "1000", NULL});
+        expect_says("connected");
+        kill(control.pid, SIGSTOP);
+        assert_int_equal(waitpid(control.pid, &how, WUNTRACED), control.pid);
+        kill(control.pid, SIGCONT);
+        sleep_ms(300);
+        turn_powermate(mate, 1, false);
+        expect_light("rotate_deg", NULL, 13 + 3 * limited, 1e-3);
+        if (!limited) assert_int_equal(end_control(NULL), 0);
+    }
+    assert_int_equal(waitpid(control.pid, &how, 0), control.pid);
+    control.pid = 0;
+    assert_int_equal(how, 0);
+    end_room();
+}
+
 static uint64_t room_sequence(void)
 {
     struct relight_error error;
@@ -769,6 +792,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_teardown(powermate_turns_a_room, stop_all),
         cmocka_unit_test_teardown(spacemouse_turns_a_room, stop_all),
         cmocka_unit_test_teardown(mapping_file, stop_all),
+        cmocka_unit_test_teardown(stopped_and_continued, stop_all),
         cmocka_unit_test_teardown(undo_of_what_still_moves, stop_all),
         cmocka_unit_test_teardown(others_turn_it_too, stop_all),
         cmocka_unit_test_teardown(undo_of_others_meanwhile, stop_all),
