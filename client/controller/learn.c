@@ -147,6 +147,10 @@ int run_check(struct control *control)
 
 // ---- --learn
 
+enum {
+    STARTED = 1, // deflections are told apart from noise by their size
+    MOST_SLIDERS = 64,
+};
 struct lesson {
     struct control *control;
     pthread_mutex_t lock; // all below
@@ -157,8 +161,12 @@ struct lesson {
     struct map_entry found;
     uint16_t vendor, product;
     uint32_t n_device;
+    uint32_t n_slider;
+    struct {
+        const struct usb_control *control;
+        double from; // its place in the first report after the question
+    } slider[MOST_SLIDERS];
 };
-enum { STARTED = 1 }; // deflections are told apart from noise by their size
 
 static bool wanted_lesson(void *user, uint16_t vendor, uint16_t product)
 {
@@ -174,9 +182,23 @@ static void joined_lesson(void *user, struct usb_device *d)
     pthread_mutex_unlock(&l->lock);
 }
 
+// A slider may rest anywhere: its way counts, not its place.
+static double way_of(struct lesson *l, const struct usb_control *c)
+{
+    uint32_t i = 0;
+    while (i < l->n_slider && l->slider[i].control != c) i++;
+    if (i == MOST_SLIDERS) return 0;
+    if (i == l->n_slider) {
+        l->slider[i].control = c;
+        l->slider[i].from = c->value;
+        l->n_slider++;
+    }
+    return fabs(c->value - l->slider[i].from);
+}
+
 // How far a movement counts: a deflection by half its way, three counts of a dial, a tenth of a
 // slider's way, a press.
-static double weight_of(const struct usb_control *c)
+static double weight_of(struct lesson *l, const struct usb_control *c)
 {
     switch (c->kind) {
     case CONTROL_DEFLECTION:
@@ -184,7 +206,7 @@ static double weight_of(const struct usb_control *c)
     case CONTROL_RELATIVE:
         return fabs(c->value) / 3;
     case CONTROL_POSITION:
-        return fabs(c->value - .5) / .1;
+        return way_of(l, c) / .1;
     default:
         return c->value > 0 ? 1.5 : 0;
     }
@@ -196,10 +218,10 @@ static void movement(void *user, struct usb_device *d, struct usb_control *c, ui
     static const double dead[] = {.08, 0, .01, 0}, curve[] = {1.5, 1, 1, 1},
                         degrees[] = {120, 3, 360, 15};
     struct lesson *l = user;
-    double weight = weight_of(c);
     (void)before, (void)now;
     pthread_mutex_lock(&l->lock);
-    if (l->asked && weight > l->most) {
+    double weight = l->asked ? weight_of(l, c) : 0;
+    if (weight > l->most) {
         l->most = weight;
         l->vendor = d->vendor;
         l->product = d->product;
@@ -230,6 +252,7 @@ static bool ask(struct lesson *l, double wait_s)
     pthread_mutex_lock(&l->lock);
     l->asked = true;
     l->most = 0;
+    l->n_slider = 0;
     while (l->most < STARTED && !pthread_cond_timedwait(&l->wake, &l->lock, &end)) continue;
     l->asked = false;
     bool found = l->most >= STARTED;

@@ -732,7 +732,8 @@ static void list_check_learn(void **state)
     start_control(
         (const char *[]){"--learn", file, "--device", "1234:abcd", "--wait", "1", NULL});
     expect_says("HID device (1234:abcd): connected");
-    const uint8_t turned[4] = {(uint8_t)-5, 0, 2, 0}; // to the light's question
+    // To the light's question; the slider rests at its end.
+    const uint8_t turned[4] = {(uint8_t)-5, 0xff, 3, 0};
     mock_report(device, turned, sizeof turned);
     waitpid(control.pid, &how, 0);
     assert_int_equal(how, 0);
