@@ -197,8 +197,27 @@ static int keep(const struct options *o, uint32_t frame, const struct relight_im
     return EXIT_DONE;
 }
 
+// Whether the daemon draws other scenes, if not this one.
+static bool is_refused(int status)
+{
+    switch (-status) {
+    case RELIGHT_E_BAD_REQUEST:
+    case RELIGHT_E_NOT_FOUND:
+    case RELIGHT_E_BUSY:
+    case RELIGHT_E_LIMIT:
+    case RELIGHT_E_MISMATCH:
+    case RELIGHT_E_NOT_READY:
+    case RELIGHT_E_UNSUPPORTED:
+    case RELIGHT_E_OUT_OF_RANGE:
+    case RELIGHT_E_JOB_FAILED:
+        return true;
+    default:
+        return false;
+    }
+}
+
 // The room's picture in the size of the options.
-static int draw(struct follow *f, const cJSON *scene, uint32_t frame, struct video *video)
+static int draw(struct follow *f, const cJSON *scene, uint32_t *n_frame, struct video *video)
 {
     const struct options *o = f->options;
     struct scene_request r;
@@ -211,8 +230,11 @@ static int draw(struct follow *f, const cJSON *scene, uint32_t frame, struct vid
     if (video) r.request.picture.transparent = false;
     int status = relight_image(f->client, &r.request, &image, &error);
     scene_request_finish(&r);
-    if (status) return report(&error);
-    status = keep(o, frame, &image, video);
+    if (status) {
+        int failed = report(&error);
+        return is_refused(status) ? EXIT_DONE : failed;
+    }
+    status = keep(o, ++*n_frame, &image, video);
     relight_image_finish(&image);
     return status;
 }
@@ -240,7 +262,7 @@ static int draw_changes(struct follow *f, struct video *video, uint32_t *n_frame
         bool stale = false;
         cJSON *scene = next_scene(f, &stale);
         if (stale) status = fetch(f); // the next turn draws it
-        else if (has_lights_and_model(scene)) status = draw(f, scene, ++*n_frame, video);
+        else if (has_lights_and_model(scene)) status = draw(f, scene, n_frame, video);
         cJSON_Delete(scene);
     }
     if (!status && !interrupted && has_ended(f)) status = report(&f->error);

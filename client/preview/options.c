@@ -39,7 +39,8 @@ static const struct argp_option table[] = {
      0},
     {"follow", KEY_FOLLOW, "ROOM", 0,
      "in place of ID and --env: a picture of this review room's scene now and after every change, "
-     "drawn by the daemon, until --frames or Ctrl-C; FILE-0001 and so on, or a film",
+     "drawn by the daemon, until --frames or Ctrl-C; FILE-0001 and so on, or a film. A scene that the "
+     "daemon refuses is told and left out",
      0},
     {"fps", KEY_FPS, "RATE", 0, "frames a second of a film (default 25)", 0},
     {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},

@@ -67,6 +67,18 @@ wait "$preview" || fail "status $?: $(cat errors)"
 same live-0003.png first.png
 cmp -s first.png second.png && fail "the two scenes look alike"
 
+# ---- a scene that the daemon does not draw: the next one is
+follow 'First review' -o refused.png --frames 2
+followed 1
+relight room scene 'First review' --max-error 1e-9
+for _ in $(seq 1200); do
+    grep -q 'above max_error' errors && break
+    sleep 0.05
+done
+relight room undo 'First review'
+wait "$preview" || fail "status $? after a refused scene: $(cat errors)"
+same refused-0002.png first.png
+
 # ---- a hand, and a cursor, which changes no picture; an end by a signal
 room=$("$bin/relight" -s "unix:$dir/s" room list --json | grep -o '"room": *"[0-9a-f]*"' | grep -o '[0-9a-f]\{32\}')
 follow "${room:0:8}" -o hand.png --json
