@@ -186,7 +186,7 @@ static void go_on(struct load *load, struct model *m)
         answer(load, m);
     } else if (r->preview) {
         model_set_state(m, RELIGHT__MODEL_STATE__MODEL_PREVIEW);
-        m->error[0] = 0;
+        m->error[0] = m->job_id[0] = 0; // those of a bake that ended
         mesh_and_answer(load, m);
     } else if (!(code = load_order_bake(load, m, error))) {
         model_hold(load->model = m);

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """--bake-queue bakes wait or run and one more is refused; a cancelled one leaves its place, waiting or
-running, and the next takes it. --bakes of them run at a time.
+running, and the next takes it. --bakes of them run at a time. A model whose bake was cancelled has no job as a
+preview.
 
    tests/service/bake_queue.py BIN"""
 import json
@@ -56,4 +57,17 @@ def side_by_side():
             relight('cancel', job)
 
 
-main(places, side_by_side)
+def preview_after_a_bake():
+    with daemon('--data', 'preview'):
+        job = load('x')
+        relight('cancel', job)
+        relight('watch', job, status=1)
+        again = ['load', 'ball.glb', '--size-mm', '20', '--material', 'marble', '--samples', '2000000', '--seed', '1',
+                 '--preview', '--wait', '--json']
+        loaded = json.loads(relight(*again).stdout or '{}')
+        expect(loaded.get('state') == 'preview' and 'job' not in loaded, 'a preview has a job: %s' % loaded)
+        info = json.loads(relight('info', 'x', '--json').stdout)
+        expect(info['state'] == 'preview' and 'job' not in info, 'a preview has a job: %s' % info)
+
+
+main(places, side_by_side, preview_after_a_bake)
