@@ -69,10 +69,7 @@ void op_cancel_job(struct request *request)
                      MESSAGE(CancelJobRequest)->job);
         return;
     }
-    char error[256];
-    const struct model *m =
-        models_find(server->models, request->conn->caller.name, job_model(job), error);
-    if (!operation_owned(request, m ? m->owner : "", job_id(job))) return;
+    if (!operation_owned(request, job_owner(job), job_id(job))) return;
     log_line(LOG_EVENT, "audit act=cancel-job who=%s job=%s model=%s",
              request->conn->caller.name, job_id(job), job_model(job));
     jobs_cancel(server->jobs, job);

@@ -459,6 +459,16 @@ static void test_owners(void **state)
     OK(relight_unload(admin, loaded.model, true, NULL, &error));
     assert_true(log_says(&d, "audit act=unload who=uid:", 1000));
     relight_loaded_finish(&loaded);
+    // A bake belongs to the one who ordered it, whoever has made the model.
+    struct relight_load bake = small_bake(4, 2000000), preview = bake;
+    preview.preview = true;
+    OK(load_octahedron(anna, &d, "shared.obj", &preview, &loaded, &error));
+    relight_loaded_finish(&loaded);
+    OK(load_octahedron(ben, &d, "shared.obj", &bake, &loaded, &error));
+    expect(relight_cancel_job(anna, loaded.job, NULL, &error), RELIGHT_E_FORBIDDEN, &error,
+           "another client");
+    OK(relight_cancel_job(ben, loaded.job, NULL, &error));
+    relight_loaded_finish(&loaded);
     relight_close(ben);
     relight_close(anna);
     relight_close(admin);
