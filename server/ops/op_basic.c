@@ -7,6 +7,7 @@
 #include "ops/shared_models.h"
 #include "core/log.h"
 #include "core/access.h"
+#include "store/model_files.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
@@ -564,15 +565,16 @@ void op_unload(struct request *request)
     }
     if (!operation_owned(request, m->owner, in->model)) return;
     Relight__UnloadAnswer out = RELIGHT__UNLOAD_ANSWER__INIT;
-    bool forget = in->forget;
+    bool forget = in->forget, unpins = m->pinned && !forget;
     if (forget && refuse_held(request, m, in->force)) return;
     log_line(LOG_EVENT, "audit act=unload who=%s model=%s owner=%s forget=%d held=%d",
              request->conn->caller.name, m->id, m->owner, forget,
              holds_has(request->server->holds, m->id));
-    if (!forget) m->pinned = false;
+    if (unpins) m->pinned = false;
     model_hold(m);
     if (forget) shared_models_forget_kin(request->server->shared_models, m);
     out.freed_bytes = model_unload(m, forget);
+    if (unpins) model_remember(m); // else the next start would open it
     out.state =
         forget ? RELIGHT__MODEL_STATE__MODEL_UNKNOWN : (Relight__ModelState)model_state(m);
     model_release(m);

@@ -69,6 +69,44 @@ static void test_restart_keeps_the_bake(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+static bool is_pinned(struct relight_client *client)
+{
+    struct relight_model info;
+    struct relight_error error;
+    OK(relight_info(client, model, &info, &error));
+    bool pinned = info.pinned;
+    relight_model_finish(&info);
+    return pinned;
+}
+
+// A pin outlives the daemon, and so does its end.
+static void test_restart_keeps_the_pin(void **state)
+{
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load pin = small_bake(0, 200);
+    pin.pin = true;
+    for (int unloaded = 0; unloaded < 2; unloaded++) {
+        daemon_start(&d, NULL);
+        struct relight_client *client = client_open(d.address);
+        if (unloaded) {
+            assert_true(is_pinned(client));
+            OK(relight_unload(client, model, RELIGHT_KEEP_BAKE, NULL, &error));
+        } else {
+            OK(load_octahedron(client, &d, "small.obj", &pin, &loaded, &error));
+            relight_loaded_finish(&loaded);
+        }
+        assert_true(is_pinned(client) == !unloaded);
+        relight_close(client);
+        assert_int_equal(daemon_stop(&d), 0);
+    }
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    assert_false(is_pinned(client));
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_damaged_bake_is_refused_and_made_anew(void **state)
 {
     char path[200];
@@ -662,6 +700,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_restart_keeps_the_bake, after_each),
+        cmocka_unit_test_teardown(test_restart_keeps_the_pin, after_each),
         cmocka_unit_test_teardown(test_damaged_bake_is_refused_and_made_anew, after_each),
         cmocka_unit_test_teardown(test_sigterm_answers_what_is_open, after_each),
         cmocka_unit_test_teardown(test_sigterm_ends_a_bake, after_each),
