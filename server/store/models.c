@@ -251,13 +251,14 @@ void model_take_out(struct model *m)
     model_release(m);
 }
 
-// Failures are kept for later requests, but not for ever.
+// Failures are kept for later requests, but not for ever, unless a room needs the preview.
 static void forget_failures(struct models *models)
 {
     unsigned n = 0;
     for (struct model *m = models->model, *next; m; m = next) {
         next = m->next;
-        bool failed = m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->users == 1;
+        bool failed = m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->users == 1 &&
+                      !holds_has(models->server->holds, m->id);
         if (!failed || ++n <= MAX_FAILED) continue;
         model_unload(m, true);
     }

@@ -4,7 +4,7 @@
 drawn with the same bytes after other models and uploads had to make room, an upload and a bake that do
 not fit any more are refused with the rooms as the reason, and once the room is deleted its files go. A pin on
 a pose is drawn again after a restart; a model that a room needs is not forgotten but by force, and a file of --models that
-was replaced or removed stays for the pins.
+was replaced or removed stays for the pins, and so does a model whose bake failed.
 
    tests/service/room_keep.py BIN [CHECK…]      CHECK: a function's name, all without one; RELIGHT_TEST_POSTGRES: the
                                                 rooms of check_replicas are there"""
@@ -326,6 +326,28 @@ def check_forget():
         expect(relight('room', 'show', ROOM, str(number), '-o', 'x.png', status=1).said, 'it is there')
 
 
+FAILURES = 256  # that a daemon keeps
+
+
+def check_failures():
+    """The preview of a bake that was cancelled stays for its room, however many bakes are cancelled after it."""
+    write_ball('kept')
+
+    def order(size_mm):
+        return json.loads(relight('load', 'kept.obj', '--size-mm', str(size_mm), '--material', 'marble', '--samples',
+                                  '2000000', '--no-draft', '--name', 'ball%d' % size_mm, '--json').stdout)
+
+    with daemon('--data', 'failures', '--bakes', '1'):
+        order(10)  # takes the only place: the others wait for it
+        relight('cancel', order(11)['job'])
+        relight('room', 'create', ROOM, '--model', 'ball11', '--env', 'constant', '--size', '64x48', '--engine', 'texture')
+        number = make_pin('of a preview')
+        first = shown(number, 'first.png')
+        for i in range(FAILURES + 2):
+            relight('cancel', order(12 + i)['job'])
+        expect(shown(number, 'again.png') == first, 'other bytes after many failures')
+
+
 def bake(name, material):
     prt('bake', 'kept.obj', '--size-mm', '20', '--material', material, '--samples', '300', '--cube', '16', '-o', name,
         '--quiet')
@@ -368,4 +390,4 @@ ROOM = 'a full disk'
 PIN = ''
 NAMES = ('kept', 'spare', 'removed')
 main(*([globals()[n] for n in sys.argv[2:]] or
-       [check, check_shared_folder, check_replicas, check_poses, check_forget, check_replaced]))
+       [check, check_shared_folder, check_replicas, check_poses, check_forget, check_failures, check_replaced]))
