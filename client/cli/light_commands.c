@@ -245,6 +245,8 @@ int run_edit(struct relight_client *client, struct options *o)
     bool vertices = prt_vertex_format_of(o->output) != PRT_VERTEX_NONE;
     if (!vertices && !picture_ending(o->output, &o->picture.format))
         return picture_usage(o, ".csv, .npy, .ply, .glb, ");
+    if (vertices && (o->map[0] || o->map[1] || o->map[2]))
+        return report_usage(o, "--albedo-map, --normal-map and --bump-map are for pictures");
     return vertices ? run_colors(client, o) : run_image(client, o);
 }
 

@@ -21,6 +21,7 @@ ROWS = [
     ('relight', 'image x %s -o .png/x' % LIGHT, 'end in one of'),
     ('relight', 'edit x %s -o x.png' % LIGHT, '--material is missing'),
     ('relight', 'edit x %s --material jade -o x.hdr' % LIGHT, '.csv, .npy, .ply, .glb'),
+    ('relight', 'edit x %s --material jade --albedo-map skin.jpg -o x.csv' % LIGHT, 'and --bump-map are for pictures'),
     ('relight', 'update-vertices x', '--positions is missing'),
     ('relight', 'load x --env constant --env constant', 'one --env at most'),
     ('relight', 'token create --scope view', '--name is missing'),
