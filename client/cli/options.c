@@ -209,7 +209,7 @@ static const struct row {
     {3, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
      "it is valid for this time, such as 30d, 12h, 90m or 3600s (default: a token for ever, a link "
      "one day)"},
-    {4, "rate", "N", SPECIAL, 0, 0, 1e9, NULL, 0, "requests a second"},
+    {4, "rate", "N", SPECIAL, 0, 1e-6, 1e9, NULL, 0, "requests a second"},
     {5, "memory", "BYTES", SPECIAL, AT(token_order.quotas.memory), 0, 0, NULL, 0,
      "bytes held by its requests and views; k, M, G and T multiply by 1024"},
     {6, "models", "N", SPECIAL, AT(token_order.quotas.models), 0, 0, NULL, 0, "loaded models"},

@@ -26,6 +26,7 @@ ROWS = [
     ('relight', 'load x --env constant --env constant', 'one --env at most'),
     ('relight', 'token create --scope view', '--name is missing'),
     ('relight', 'token create --name a', '--scope is missing: view, edit, upload, admin'),
+    ('relight', 'token create --name a --scope view --rate 0', 'expected a number in [1e-06, 1e+09]'),
     ('relight', 'token revoke', 'NAME is missing'),
     ('relight', 'token forge', 'expected create, list or revoke'),
     ('relight', 'ping here', 'one argument too many: here'),
