@@ -243,6 +243,9 @@ static int save(struct room_call *c)
 
 static int variant(struct room_call *c)
 {
+    if (c->options->n_material)
+        return report_usage(c->options, "variant: its --material is for all objects: leave "
+                                        "OBJECT= out");
     cJSON *m = cJSON_CreateObject();
     cJSON_AddStringToObject(m, "name", c->word[0]);
     cJSON_AddStringToObject(m, "material", c->options->material ? c->options->material : "");

@@ -158,7 +158,13 @@ int room_show(struct room_call *c)
     uint64_t pin = 0;
     if (c->n_word && !whole_word(c->word[0], &pin))
         return report_usage(c->options, "%s: expected a pin's number", c->word[0]);
+    const bool decision = c->options->decision > 0, revision = c->options->revision > 0;
+    if ((pin > 0) + decision + revision > 1)
+        return report_usage(c->options, "show: one of PIN, --decision and --revision");
     if (c->options->output) return save_picture(c, pin);
+    if (decision || revision)
+        return report_usage(c->options,
+                            "show: --decision and --revision are for a picture: -o FILE");
     cJSON *state = room_state(c);
     if (!state) return EXIT_FAILED;
     const cJSON *item = pin ? item_of(list_of(state, "pins"), (double)pin) : NULL;
