@@ -56,7 +56,7 @@ static void drain_over(struct loop_timer *timer)
 static void begin_drain(void)
 {
     loop_timer_stop(server.loop, &lame_duck_timer);
-    server.draining = true;
+    __atomic_store_n(&server.draining, true, __ATOMIC_RELAXED); // threads read it
     notify_stopping(&server);
     log_line(LOG_EVENT, "drain requests=%u jobs=%u", server.n_request, jobs_open(server.jobs));
     sockets_close(&server);

@@ -244,7 +244,7 @@ void model_take_out(struct model *m)
     while (*at && *at != m) at = &(*at)->next;
     if (!*at) return;
     *at = m->next;
-    m->gone = true;
+    __atomic_store_n(&m->gone, true, __ATOMIC_RELAXED); // threads read it
     poses_forget(m->server->poses, m);
     model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_REMOVED, "");
     charge_entry(m, false);
