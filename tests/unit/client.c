@@ -1216,6 +1216,24 @@ static void coarse_colours_are_of_their_order(void **state)
     assert_int_equal(relight_coarse_expand(&order, &colors, 0, out[0]), -RELIGHT_E_MISMATCH);
 }
 
+// Parts of fewer colours: each is as long as the vertices that are there, not as all of them.
+static void parts_of_coarse_colours(void **state)
+{
+    static const float sent[8][3] = {{1, 2, 3}, {4, 5, 6}, {7, 8, 9}, {10, 11, 12}};
+    const struct relight_colors colors = {.n_vertex = 5,
+                                          .n_plane = 1,
+                                          .n_part = 2,
+                                          .n_coarse = 2,
+                                          .plane_bytes = sizeof sent / 2,
+                                          .format = RELIGHT_COLOR_F32,
+                                          .data = sent};
+    for (uint32_t part = 0; part < 2; part++) {
+        float out[2][3] = {{0}};
+        assert_int_equal(relight_colors_decode(&colors, part, out[0]), 0);
+        assert_memory_equal(out, sent + 2 * part, sizeof out);
+    }
+}
+
 // Every number of a cost has its own name.
 static void cost_script(struct peer *p)
 {
@@ -1365,6 +1383,7 @@ int main(void)
         cmocka_unit_test(fields_of_costs),
         cmocka_unit_test(fields_of_looks),
         cmocka_unit_test(coarse_colours_are_of_their_order),
+        cmocka_unit_test(parts_of_coarse_colours),
         cmocka_unit_test(cameras),
     };
     return cmocka_run_group_tests_name("client", tests, NULL, NULL);
