@@ -44,6 +44,15 @@ for of in '--material marble:[1-9]' '--transport joint:0'; do
     echo "$finer" | grep -c '"million_tensor_[0-9]*".*"vertices":100000,' | grep -qx "${of#*:}" ||
         fail "relight_million of ${of%:*} prints $finer"
 done
+# Of a file first multiple scattering alone, then all of it: more functions, and a goal of its own.
+edits=$("$bench" --quick --file "$baked" edit_file joint_file) || fail "edit_file or joint_file fails"
+functions_of() { echo "$edits" | sed -n "s/.*\"$1\".*\"functions\":\([0-9]*\),.*\"target_$2\":$3[,}].*/\1/p"; }
+for figure in 'edit_file Mvertices_per_s 120 30' 'joint_file frames_per_s 300 100'; do
+    # shellcheck disable=SC2086 # words
+    set -- $figure
+    multiple=$(functions_of "$1_multiple" "$2" "$3") all=$(functions_of "$1_with_single" "$2" "$4")
+    [ "${multiple:-0}" -gt 0 ] && [ "${all:-0}" -gt "$multiple" ] || fail "$1 prints $edits"
+done
 code=0; "$bench" no_such_figure 2>/dev/null || code=$?
 [ $code = 2 ] || fail "an unknown name exits $code"
 code=0; "$bench" --file /nowhere.prt relight_file 2>/dev/null || code=$?
