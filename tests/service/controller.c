@@ -513,7 +513,9 @@ static void hot_plug(void **state)
     expect_says("connected");
     turn_powermate(mate, 10, false);
     expect_light("rotate_deg", NULL, 40, 1e-3);
-    mock_unplug(mate); // a read is under way
+    for (int i = 0; i < PATIENCE && mock_counts(mate).led != 255; i++) sleep_ms(20);
+    assert_int_equal(mock_counts(mate).led, 255); // lit as one that was there at the start
+    mock_unplug(mate);                            // a read is under way
     expect_says("unplugged");
     expect_says("given back");
     write_text(control.err, "");
