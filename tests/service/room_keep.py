@@ -386,8 +386,26 @@ def check_replaced():
         wait_for_log('has no file any more')
 
 
+def check_snapshot():
+    """A daemon that ends leaves a snapshot of a room with many events, so that the next one reads few of them."""
+    with daemon('--data', 'long'):
+        relight('room', 'create', ROOM)
+        room = json.loads(relight('room', 'list', '--json').stdout)[0]['room']
+        for i in range(260):
+            relight('room', 'rename', room, 'name %d' % i)
+    with contextlib.closing(sqlite3.connect('long/rooms.sqlite')) as db:
+        last, = db.execute('SELECT max(sequence) FROM event').fetchone()
+        behind, = db.execute('SELECT max(sequence) FROM snapshot').fetchone()
+    expect(last > 260, 'the room has %s events' % last)
+    expect(behind is not None and last - behind < 250, 'snapshot %s of %s events' % (behind, last))
+    with daemon('--data', 'long'):
+        said = relight('room', 'list', '--json').stdout
+        expect('name 259' in said, 'the room after a restart: ' + said)
+
+
 ROOM = 'a full disk'
 PIN = ''
 NAMES = ('kept', 'spare', 'removed')
 main(*([globals()[n] for n in sys.argv[2:]] or
-       [check, check_shared_folder, check_replicas, check_poses, check_forget, check_failures, check_replaced]))
+       [check, check_shared_folder, check_replicas, check_poses, check_forget, check_failures, check_replaced,
+        check_snapshot]))
