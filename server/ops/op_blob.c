@@ -17,6 +17,7 @@ struct upload_request {
     struct server *server;
     struct request *request;  // NULL: it ended
     struct held_bytes *bytes; // a worker may read them after the request ended
+    bool made_room;           // models were evicted for it
 };
 
 static void abandon(struct request *request)
@@ -38,9 +39,22 @@ static void environment_arrived(struct server *server, const struct blob_put *pu
     env_prefetch(server, put->hash);
 }
 
+// For an upload that begins, models make room once, after unused uploads.
+static bool tries_again(struct upload_request *r)
+{
+    struct blob_put *put = &r->put;
+    if (!put->no_room || r->made_room) return false;
+    r->made_room = true;
+    evict_for_upload(r->server, put->principal, put->size); // may end the request
+    put->no_room = put->own_limit = false;
+    blobs_put(r->server->blobs, put);
+    return true;
+}
+
 static void done(struct blob_put *put)
 {
     struct upload_request *r = (struct upload_request *)put;
+    if (tries_again(r)) return;
     struct server *server = r->server;
     struct request *request = r->request;
     if (put->arrived) {
@@ -106,7 +120,5 @@ void op_put_blob(struct request *request)
     put->done = done;
     request->state = r;
     request->abandon = abandon;
-    if (!put->offset && put->n && (unnamed || !blobs_has(request->server->blobs, put->hash)))
-        evict_for_upload(request->server, put->principal, put->size);
     blobs_put(request->server->blobs, put);
 }

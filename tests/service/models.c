@@ -3,6 +3,7 @@
 // which of them go when there is no room. Each test has a daemon and a data folder of its own;
 // the octahedron is baked once. Above 600 lines: a list of scenarios, each read alone.
 #include "ask.h"
+#include "frames.h"
 
 #include <dirent.h>
 #include <pthread.h>
@@ -112,6 +113,14 @@ static int load_preview(struct relight_client *client, const char *name, float s
     snprintf(id, ID_SIZE, "%s", loaded.model);
     relight_loaded_finish(&loaded);
     return 0;
+}
+
+static void assert_known(struct relight_client *client, const char *id)
+{
+    struct relight_error error;
+    struct relight_model info;
+    OK(relight_info(client, id, &info, &error));
+    relight_model_finish(&info);
 }
 
 static uint64_t bytes_in(const char *folder, const char *end, unsigned *n)
@@ -906,14 +915,6 @@ static void test_greedy_gives_way(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-static void assert_known(struct relight_client *client, const char *id)
-{
-    struct relight_error error;
-    struct relight_model info;
-    OK(relight_info(client, id, &info, &error));
-    relight_model_finish(&info);
-}
-
 // Of eight models that the daemon may know, seven are one client's: it gives way to itself and
 // to the other, whose first is the oldest of all.
 static void test_share_of_models(void **state)
@@ -985,6 +986,39 @@ static void test_greedy_uploads_are_refused(void **state)
     relight_model_finish(&info);
     relight_close(greedy);
     relight_close(modest);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+static struct frames_answer put_first(struct frames *f, uint64_t id, uint64_t size,
+                                      const char *bytes, size_t n)
+{
+    Relight__PutBlobRequest put = RELIGHT__PUT_BLOB_REQUEST__INIT;
+    put.hash = "00000000000000000000000000000000000000000000000000000000000000ff";
+    put.size = size;
+    frames_add(f, RELIGHT_TYPE_PUT_BLOB, id, &put.base, bytes, n);
+    frames_send(f);
+    return frames_wait(f, id);
+}
+
+// Room is made once for an upload, when it begins: not for one that is refused, and not when
+// its first chunk comes again.
+static void test_uploads_take_room_once(void **state)
+{
+    static const char *const extra[] = {"--client-disk", "1M", "--max-blob", "800k", NULL};
+    static char bytes[64 << 10];
+    char id[ID_SIZE];
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    struct frames *f = frames_open(&d);
+    bake_small(client, &d, id);
+    assert_int_equal(put_first(f, 2, 1000 << 10, bytes, 1).code,
+                     RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    for (uint64_t n = 3; n < 6; n++)
+        assert_int_equal(put_first(f, n, 600 << 10, bytes, sizeof bytes).code, 0);
+    assert_known(client, id);
+    assert_int_equal((int)metric(client, "relightd_bakes_evicted_total"), 0);
+    frames_close(f);
+    relight_close(client);
     assert_int_equal(daemon_stop(&d), 0);
 }
 
@@ -1101,6 +1135,7 @@ int main(void)
         TEST(test_share_of_models),
         TEST(test_own_preview_goes),
         TEST(test_greedy_uploads_are_refused),
+        TEST(test_uploads_take_room_once),
         TEST(test_longest_unused_bake_goes),
         TEST(test_opening_is_a_use),
         TEST(test_open_bake_stays),
