@@ -310,16 +310,14 @@ void load_source_known(struct load *load)
         return;
     }
     strcpy(m->kin, kin);
-    const char *before = model_name_for(m, load->owner);
     bool own = !strcmp(m->owner, load->owner);
-    bool other = strcmp(before, load->name) && (r->name[0] || !own);
     bool pinned = m->pinned;
     if (!load_pin(load, m)) return;
-    bool changed = other || m->pinned != pinned;
+    bool changed = m->pinned != pinned;
     changed |= keep_source(load, m, fresh);
     if (!m->load && object_store_shared(load->server->objects)) m->load = load_packed(load);
     if (m->removed) model_revive(m);
-    if (other) model_set_name(m, load->owner, load->name);
+    if (r->name[0] || !own) changed |= model_set_name(m, load->owner, load->name);
     m->used_ns = wall_ns();
     // One without a bake or a preview is remembered as soon as it has one.
     bool is_there = m->state == RELIGHT__MODEL_STATE__MODEL_READY || m->mesh == MESH_THERE;

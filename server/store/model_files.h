@@ -11,8 +11,9 @@ struct model *model_add(struct models *models, const char *id, const char *name,
                         const char *owner);
 /* Removes it from the registry; holders of a reference may use it further. */
 void model_take_out(struct model *model);
-/* Another name of a model: its owner's replaces the first, anybody else's is an alias. */
-void model_set_name(struct model *model, const char *owner, const char *name);
+/* Another name of a model: its owner's replaces the first, anybody else's is an alias. False:
+ * it was its name, or there are too many. */
+bool model_set_name(struct model *model, const char *owner, const char *name);
 /* A copy of a .prt of --models is there: it is a model. NULL when there is no memory. */
 struct model *models_found(struct models *models, struct import_copy *copy, const char *name);
 /* A copy's file is gone or has other content: its model is here for the rooms that need it. */

@@ -23,7 +23,7 @@ struct models {
     uint32_t last_key;
 };
 
-enum { MAX_FAILED = 256, MAX_ALIAS = 64, MIN_PREFIX = 8 };
+enum { MAX_FAILED = 256, MAX_ALIAS = 256, MIN_PREFIX = 8 };
 
 struct server *models_server(const struct models *models)
 {
@@ -57,7 +57,7 @@ const char *model_name_for(const struct model *m, const char *asker)
     return a ? a->name : m->name;
 }
 
-void model_set_name(struct model *m, const char *owner, const char *name)
+bool model_set_name(struct model *m, const char *owner, const char *name)
 {
     struct model_alias *a = (struct model_alias *)alias_of(m, owner);
     unsigned n = 0;
@@ -65,9 +65,10 @@ void model_set_name(struct model *m, const char *owner, const char *name)
         bool other = strcmp(m->name, name) != 0;
         snprintf(m->name, sizeof m->name, "%s", name);
         if (other) model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, "");
-        return;
+        return other;
     }
-    if (!a && !strcmp(m->name, name)) return;
+    // Also where the owner calls it so: that one's name may change, and a third may give it.
+    if (a && !strcmp(a->name, name)) return false;
     for (const struct model_alias *b = m->alias; b; b = b->next) n++;
     if (!a && n < MAX_ALIAS && (a = calloc(1, sizeof *a))) {
         snprintf(a->owner, sizeof a->owner, "%s", owner);
@@ -75,6 +76,7 @@ void model_set_name(struct model *m, const char *owner, const char *name)
         m->alias = a;
     }
     if (a) snprintf(a->name, sizeof a->name, "%s", name);
+    return a != NULL;
 }
 
 bool model_is_named(const struct model *m)

@@ -614,6 +614,37 @@ static void test_names_belong_to_principals(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A name that two principals gave is each one's own: it stays where the other renames the model
+// or gives the name to a second one.
+static void test_a_shared_name_stays(void **state)
+{
+    struct relight_error error;
+    char one[ID_SIZE], same[ID_SIZE], two[ID_SIZE], id[ID_SIZE];
+    daemon_start(&d, NULL);
+    struct relight_client *local = client_open(d.address), *remote = open_tcp();
+    OK(load_preview(local, "bunny", 10, one, &error));
+    OK(load_preview(remote, "bunny", 10, same, &error));
+    assert_string_equal(one, same);
+    OK(load_preview(local, "bunny", 11, two, &error));
+    assert_true(id_of(remote, "bunny", NULL, id));
+    assert_string_equal(id, one);
+    OK(load_preview(local, "rabbit", 10, same, &error));
+    for (int i = 0; i < 2; i++) {
+        assert_true(id_of(remote, "bunny", NULL, id));
+        assert_string_equal(id, one);
+        assert_true(id_of(local, "bunny", NULL, id));
+        assert_string_equal(id, two);
+        relight_close(local);
+        relight_close(remote);
+        assert_int_equal(daemon_stop(&d), 0);
+        daemon_start(&d, NULL);
+        local = client_open(d.address), remote = open_tcp();
+    }
+    relight_close(local);
+    relight_close(remote);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void catalogue(const char *id, const char *name, int age_s)
 {
     char path[300], text[300];
@@ -1123,6 +1154,7 @@ int main(void)
         TEST(test_copying_is_shared_and_ends),
         TEST(test_unknown_names_cost_no_scan),
         TEST(test_names_belong_to_principals),
+        TEST(test_a_shared_name_stays),
         TEST(test_settings_name_the_model),
         TEST(test_earlier_data_folder),
         TEST(test_many_warnings),
