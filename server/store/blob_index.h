@@ -16,7 +16,8 @@ enum { BLOB_SMALL = 16 << 20 };
 enum { BLOB_FOLDER = 3900, BLOB_OWNER_FILE = 4096, BLOB_STEM = BLOB_HASH + 17 };
 
 struct blob_name {
-    struct blob_name *next;
+    struct blob_name *next; /* of the names of one principal the newest is first */
+    uint64_t named_ns;      /* wall clock */
     char *name;
     char principal[]; /* and the name behind it */
 };
@@ -78,9 +79,9 @@ void blob_remove(struct blobs *blobs, struct blob *blob);
 /* Adds one whose file was put in place by blob_fetch.c, with the names in its owner file: 0 or
  * -ENOMEM. */
 int blob_adopt(struct blobs *blobs, const char *hash, uint64_t size);
-/* Remembers a principal's name for it; `write`: on disk, too. */
+/* Remembers a principal's name for it, given at this time; `write`: on disk, too. */
 void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal,
-                   const char *name, bool write);
+                   const char *name, uint64_t named_ns, bool write);
 /* Removes the blob that was unused longest, of this owner, unless it was used in the last
  * keep_s or a room needs it. False when there is none. */
 bool blob_evict(struct blobs *blobs, const char *owner);

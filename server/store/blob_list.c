@@ -38,19 +38,28 @@ size_t blobs_images(const struct blobs *blobs, const char *principal, struct blo
     return n;
 }
 
+// The name with its ending, or without.
+static bool is_called(const char *file, const char *name)
+{
+    const size_t n = strlen(name);
+    const char *dot = strrchr(file, '.');
+    return !strcmp(file, name) || (dot && (size_t)(dot - file) == n && !strncmp(file, name, n));
+}
+
 const char *blobs_image_named(const struct blobs *blobs, const char *principal,
                               const char *name)
 {
-    const size_t n = strlen(name);
-    for (const struct blob *b = blobs->lru.newest; n && b; b = b->link[LRU_ALL].older) {
-        const struct blob_name *own = name_of(b, principal);
-        const char *dot = own ? strrchr(own->name, '.') : NULL;
-        if (!own || !is_image(b, own->name)) continue;
-        if (!strcmp(own->name, name) ||
-            (dot && (size_t)(dot - own->name) == n && !strncmp(own->name, name, n)))
-            return b->hash;
-    }
-    return NULL;
+    const struct blob *found = NULL;
+    uint64_t newest_ns = 0;
+    for (const struct blob *b = blobs->lru.newest; *name && b; b = b->link[LRU_ALL].older)
+        for (const struct blob_name *own = b->names; own; own = own->next) {
+            if (own->named_ns <= newest_ns || strcmp(own->principal, principal) ||
+                !is_called(own->name, name) || !is_image(b, own->name))
+                continue;
+            found = b;
+            newest_ns = own->named_ns;
+        }
+    return found ? found->hash : NULL;
 }
 
 bool blobs_owned(const struct blobs *blobs, const char *principal, const char *hash,

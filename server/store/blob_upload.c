@@ -320,7 +320,7 @@ static void arrived(struct upload *u, struct blob_put *put)
         b->touched = true; // its file's time is of now: in one run with those used since
         b->checked = u->first_of_all; // else something had this name before: check it
         b->format = u->format;
-        blob_add_name(blobs, b, u->principal->name, put->name, false);
+        blob_add_name(blobs, b, u->principal->name, put->name, b->used_ns, false);
     }
     bool first = b && u->first_of_all;
     free_upload(u, b != NULL);
@@ -478,7 +478,7 @@ static void was_checked(struct blob_waiter *waiter)
 
 static void is_there(struct blobs *blobs, struct blob *b, struct blob_put *put)
 {
-    blob_add_name(blobs, b, put->principal, put->name, true);
+    blob_add_name(blobs, b, put->principal, put->name, blob_clock_ns(), true);
     blobs_touch(blobs, put->hash); // it is about to be used
     put->received = b->size;
     put->complete = true;

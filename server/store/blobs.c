@@ -21,11 +21,16 @@
 
 enum { FIRST_BUCKETS = 256, DIGITS = 12 };
 
+static uint64_t time_ns(const struct timespec *t)
+{
+    return (uint64_t)t->tv_sec * 1000000000u + (uint64_t)t->tv_nsec;
+}
+
 uint64_t blob_clock_ns(void)
 {
     struct timespec t;
     clock_gettime(CLOCK_REALTIME, &t);
-    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+    return time_ns(&t);
 }
 
 uint64_t blob_charge(uint64_t size)
@@ -303,6 +308,7 @@ static int run_append(struct work *work, const struct prt_context *ctx)
     size_t n = strlen(a->line);
     if (write(fd, a->line, n) != (ssize_t)n)
         log_line(LOG_WARN, "%s: %s", a->path, strerror(errno));
+    futimens(fd, NULL); // when a name was given last
     close(fd);
     return PRT_OK;
 }
@@ -314,25 +320,36 @@ static struct blob_name *find_name(const struct blob *b, const char *principal)
     return n;
 }
 
-void blob_add_name(struct blobs *blobs, struct blob *b, const char *principal, const char *name,
-                   bool write)
+static struct blob_name *new_name(struct blob *b, const char *principal, const char *name)
 {
     size_t n_principal = strlen(principal) + 1, n_name = strlen(name) + 1;
-    if (!blob_name_valid(name) || find_name(b, principal) ||
-        b->names_bytes + n_principal + n_name > BLOB_OWNER_FILE)
-        return;
+    if (b->names_bytes + n_principal + n_name > BLOB_OWNER_FILE) return NULL;
     struct blob_name *n = malloc(sizeof *n + n_principal + n_name);
-    if (!n) return;
+    if (!n) return NULL;
     memcpy(n->principal, principal, n_principal);
     n->name = n->principal + n_principal;
     memcpy(n->name, name, n_name);
+    b->names_bytes += n_principal + n_name;
+    return n;
+}
+
+void blob_add_name(struct blobs *blobs, struct blob *b, const char *principal, const char *name,
+                   uint64_t named_ns, bool write)
+{
+    struct blob_name **at = &b->names, *n;
+    if (!blob_name_valid(name)) return;
+    while ((n = *at) && (strcmp(n->principal, principal) || strcmp(n->name, name)))
+        at = &n->next;
+    bool known = n != NULL;
+    if (known) *at = n->next;
+    else if (!(n = new_name(b, principal, name))) return;
+    n->named_ns = named_ns;
     n->next = b->names;
     b->names = n;
-    b->names_bytes += n_principal + n_name;
     struct append *a = write ? calloc(1, sizeof *a) : NULL;
     if (!a) return;
     snprintf(a->path, sizeof a->path, "%s/%s.owner", blobs->folder, b->hash);
-    snprintf(a->line, sizeof a->line, "%s\t%s\n", principal, name);
+    if (!known) snprintf(a->line, sizeof a->line, "%s\t%s\n", principal, name);
     a->work.run = run_append;
     a->work.done = free_work;
     a->work.class = WORK_BACKGROUND;
@@ -546,13 +563,15 @@ static void read_names(struct blobs *blobs, struct blob *b)
     char path[4096 + 8], line[96 + BLOB_NAME + 3];
     snprintf(path, sizeof path, "%s/%s.owner", blobs->folder, b->hash);
     FILE *file = fopen(path, "re");
+    struct stat st = {0};
     if (!file) return;
+    (void)fstat(fileno(file), &st);
     while (fgets(line, sizeof line, file)) {
         char *tab = strchr(line, '\t');
         line[strcspn(line, "\n")] = 0;
         if (!tab) continue;
         *tab = 0;
-        blob_add_name(blobs, b, line, tab + 1, false);
+        blob_add_name(blobs, b, line, tab + 1, time_ns(&st.st_mtim), false);
     }
     fclose(file);
 }
@@ -561,8 +580,7 @@ static int recover_blob(struct blobs *blobs, const char *hash, const struct stat
 {
     char path[4096], owner[96];
     uint64_t size = (uint64_t)st->st_size, charge = blob_charge(size);
-    uint64_t used_ns =
-        (uint64_t)st->st_mtim.tv_sec * 1000000000u + (uint64_t)st->st_mtim.tv_nsec;
+    uint64_t used_ns = time_ns(&st->st_mtim);
     blobs_path(blobs, hash, path, sizeof path);
     disk_owner_read(path, owner);
     struct blob *b = blob_add(blobs, hash, size, charge, owner, used_ns);

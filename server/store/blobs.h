@@ -76,8 +76,8 @@ enum blob_format {
 };
 enum blob_format blobs_format(const struct blobs *blobs, const char *hash);
 
-/* The file name under which this principal uploaded the blob; for others, and for principal
- * NULL, the beginning of its hash: 12 digits and "…". */
+/* The file name under which this principal uploaded the blob last; for others, and for
+ * principal NULL, the beginning of its hash: 12 digits and "…". */
 void blobs_name(const struct blobs *blobs, const char *principal, const char *hash, char *name,
                 size_t n);
 /* Copies a message, with "123456789abc…" replaced by this principal's name of that blob;
@@ -93,8 +93,8 @@ struct blob_listed {
 /* The images that this principal uploaded, most recently used first. */
 size_t blobs_images(const struct blobs *blobs, const char *principal, struct blob_listed *out,
                     size_t most);
-/* The image that this principal uploaded under a file name, which may lack its ending; the
- * newest of several. NULL: none. */
+/* The image that this principal uploaded under a file name, which may lack its ending; of
+ * several the one that was uploaded last. NULL: none. */
 const char *blobs_image_named(const struct blobs *blobs, const char *principal,
                               const char *name);
 /* Whether the blob is there and this principal sent its bytes (NULL: whoever did). A principal

@@ -14,6 +14,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -680,6 +681,48 @@ static void test_names_and_owners(void **state)
     close_store(&s);
 }
 
+// Says that the blob is uploaded under this name, as a client does whose blob is there.
+static void name_blob(struct store *s, const char *who, const char *hash, const char *name)
+{
+    struct sent sent = {.put = {.size = 100, .done = put_done}};
+    struct timespec later = {0, 20000000}; // times of files are that coarse
+    nanosleep(&later, NULL);
+    strcpy(sent.put.principal, who);
+    strcpy(sent.put.name, name);
+    memcpy(sent.put.hash, hash, BLOB_HASH);
+    blobs_put(s->blobs, &sent.put);
+    while (!sent.done || work_busy(s->work)) loop_turn(s->loop, 10);
+    assert_true(sent.put.complete);
+}
+
+// Of several images the name is that of the last upload, whichever was used last.
+static void test_newest_of_a_name(void **state)
+{
+    struct store s;
+    new_store(&s);
+    char first[65], second[65];
+    put_whole(&s, "ann", 'a', 100, first);
+    put_whole(&s, "ann", 'b', 100, second);
+    name_blob(&s, "ann", first, "day.hdr");
+    name_blob(&s, "ann", second, "day.hdr");
+    for (int i = 0; i < 2; i++) {
+        blobs_touch(s.blobs, first); // used
+        assert_string_equal(blobs_image_named(s.blobs, "ann", "day"), second);
+        assert_null(blobs_image_named(s.blobs, "bob", "day"));
+        assert_null(blobs_image_named(s.blobs, "ann", "night"));
+        reopen_store(&s);
+    }
+    name_blob(&s, "ann", second, "night.hdr"); // under two names
+    name_blob(&s, "ann", first, "day.hdr");    // again
+    for (int i = 0; i < 2; i++) {
+        blobs_touch(s.blobs, second);
+        assert_string_equal(blobs_image_named(s.blobs, "ann", "day"), first);
+        assert_string_equal(blobs_image_named(s.blobs, "ann", "night.hdr"), second);
+        reopen_store(&s);
+    }
+    close_store(&s);
+}
+
 // The blob that was unused longest goes first, of the owner whose room is spent.
 static void test_eviction(void **state)
 {
@@ -1092,6 +1135,7 @@ int main(void)
         cmocka_unit_test(test_one_of_two_leaves_a_check),
         cmocka_unit_test(test_leaving_a_check_that_has_ended),
         cmocka_unit_test(test_names_and_owners),
+        cmocka_unit_test(test_newest_of_a_name),
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_eviction_within_shares),
         cmocka_unit_test(test_room_of_nobody),
