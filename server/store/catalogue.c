@@ -194,7 +194,7 @@ static int recall(struct models *models, struct server *server, const char *id)
     struct stat bake, preview;
     char record[PATH_MAX], path[PATH_MAX];
     record_path(server, id, record);
-    int status = prt_read_file(NULL, record, 1 << 20, &blob);
+    int status = prt_read_file(NULL, record, OBJECT_TEXT, &blob);
     if (status) return status == PRT_NOMEM ? status : PRT_OK;
     errno = 0; // cJSON reports a failed malloc as a fault of the text
     cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
@@ -262,7 +262,7 @@ static void migrate(const struct server *server, const char *old)
     snprintf(id, sizeof id, "%.*s", MODEL_ID, hex);
     record_path(server, old, path);
     record_path(server, id, new);
-    if (prt_read_file(NULL, path, 1 << 20, &blob)) return;
+    if (prt_read_file(NULL, path, OBJECT_TEXT, &blob)) return;
     cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
     prt_free(blob.bytes);
     cJSON_DeleteItemFromObjectCaseSensitive(json, "id");

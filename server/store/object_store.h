@@ -25,7 +25,8 @@
 struct object_store;
 
 enum object_kind { OBJECT_BLOB, OBJECT_OWNER, OBJECT_BAKE, OBJECT_RECORD, OBJECT_N };
-enum { OBJECT_ID = 64, OBJECT_TEXT = 1 << 20 }; /* hex digits; bytes of a record */
+/* Hex digits; bytes of a record, which has a LOAD of at most 1 MiB twice, in hex digits. */
+enum { OBJECT_ID = 64, OBJECT_TEXT = 8 << 20 };
 
 /* folder "": one machine. Makes the folder's parts where they are missing. 0, or -errno with
  * the error's text. */

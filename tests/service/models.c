@@ -614,6 +614,40 @@ static void test_names_belong_to_principals(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A LOAD of a file of --models is kept whole, with what this daemon does not know, to be
+// repeated when the file changes. The longest that is taken is read again at the next start.
+static void test_long_load_is_remembered(void **state)
+{
+    enum { UNKNOWN = 1000 << 10, ROOM = UNKNOWN + 1000 };
+    Relight__LoadRequest load = RELIGHT__LOAD_REQUEST__INIT;
+    // Field 1000, of so many bytes.
+    const uint8_t tag[] = {0xc2, 0x3e, (UNKNOWN & 127) | 128, (UNKNOWN >> 7 & 127) | 128,
+                           UNKNOWN >> 14};
+    uint8_t *header = calloc(1, ROOM);
+    char path[200], id[ID_SIZE];
+    in_models("long.obj", path);
+    write_text(path, octahedron);
+    load.path = "long.obj";
+    load.size_mm = 10;
+    load.material = "marble";
+    load.preview = true;
+    size_t n = relight__load_request__pack(&load, header);
+    memcpy(header + n, tag, sizeof tag);
+    daemon_start(&d, NULL);
+    struct frames *f = frames_open(&d);
+    frames_add_raw(f, RELIGHT_TYPE_LOAD, 2, header, n + sizeof tag + UNKNOWN);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 2).code, 0);
+    free(header);
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    assert_true(id_of(client, "long", NULL, id));
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // A name that two principals gave is each one's own: it stays where the other renames the model
 // or gives the name to a second one.
 static void test_a_shared_name_stays(void **state)
@@ -1154,6 +1188,7 @@ int main(void)
         TEST(test_copying_is_shared_and_ends),
         TEST(test_unknown_names_cost_no_scan),
         TEST(test_names_belong_to_principals),
+        TEST(test_long_load_is_remembered),
         TEST(test_a_shared_name_stays),
         TEST(test_settings_name_the_model),
         TEST(test_earlier_data_folder),

@@ -69,6 +69,16 @@ def a_record_is_missing_for_a_moment(a, folder):
             c.process.wait()
 
 
+def a_record_that_is_too_long_hides_no_other(a, b, folder):
+    record = "%s/records/%s.json" % (shared_folder(folder, a.number), "0" * 32)
+    with open(record, "wb") as f:
+        f.truncate(9 << 20)
+    model = a.ask().load(model_file(folder, 6), size_mm=10, name="beside", **BAKE)
+    until("listed at the other", 20, lambda: model in [m.id for m in b.ask().models()])
+    os.unlink(record)
+    a.ask().unload(model, forget=True)
+
+
 def fifo_with_reader(path, seconds):
     """A descriptor to write to, once somebody reads."""
     def opened():
@@ -207,6 +217,7 @@ def main():
         if "RELIGHT_TEST_MOUNTS" not in os.environ:
             what_is_fetched_for_a_forgotten_model_goes(*replicas, folder)
         a_record_is_missing_for_a_moment(replicas[0], folder)
+        a_record_that_is_too_long_hides_no_other(*replicas, folder)
         a_bake_goes_on_where_its_replica_died(*replicas, folder)
         nothing_acknowledged_is_lost(replicas, folder, int(sys.argv[3]), random.Random(seed))
 
