@@ -254,7 +254,7 @@ static struct model *add_model(struct load *load, const char *id, char error[256
 {
     struct principal *p = load->request->conn->principal;
     enum ledger_refusal refusal = ledger_take(p, LEDGER_MODELS, 1, error);
-    // An old preview makes room for a new one.
+    // One that failed, or an old preview, makes room for a new one.
     if (refusal &&
         evict_preview(load->server, refusal == LEDGER_CLIENT_FULL ? p->name : NULL, p->name))
         refusal = ledger_take(p, LEDGER_MODELS, 1, error);

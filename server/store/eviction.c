@@ -166,9 +166,30 @@ static bool evict_one(struct server *server, enum kind first, struct wish w)
     return false; // all that remains is pinned or foreign
 }
 
+// The oldest model that can answer nothing: neither its bake nor its file's mesh is there.
+static struct model *oldest_failure(const struct server *server, const char *owner)
+{
+    struct model *oldest = NULL;
+    for (struct model *m = NULL; (m = models_next(server->models, m));) { // newest first
+        bool failed = m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->mesh != MESH_THERE &&
+                      m->mesh != MESH_READING;
+        if (failed && m->users == 1 && !m->preparing && !is_held(m) &&
+            (!owner || !strcmp(m->owner, owner)))
+            oldest = m;
+    }
+    return oldest;
+}
+
 bool evict_preview(struct server *server, const char *owner, const char *asker)
 {
     struct victim v = {0};
+    struct model *failed = oldest_failure(server, owner);
+    if (failed) {
+        log_line(LOG_EVENT, "model id=%s name=\"%s\" owner=%s failed, dropped for room",
+                 failed->id, failed->name, failed->owner);
+        model_unload(failed, true);
+        return true;
+    }
     struct wish w = {.resource = LEDGER_MODELS, .owner = owner, .asker = asker, .more = 1};
     if (!find(server, PREVIEW, &w, &v)) return false;
     evict(server, PREVIEW, &v);

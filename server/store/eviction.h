@@ -25,8 +25,8 @@ void evict_for_room(struct server *server, const struct model *newest, const cha
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
 /* Removes files, of whomever they are, until there is room for an event of so many bytes. */
 void evict_for_event(struct server *server, uint64_t bytes);
-/* Forgets a preview so that the asker may have one more model: of this owner or (NULL) of all;
- * shares are those of --max-models. False: none. */
+/* Forgets a model that failed, or else a preview, so that the asker may have one more model: of
+ * this owner or (NULL) of all; shares are those of --max-models. False: none. */
 bool evict_preview(struct server *server, const char *owner, const char *asker);
 /* Bytes of files that stay because rooms need them (holds.h), of this owner or (NULL) of all.
  */

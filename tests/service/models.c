@@ -1028,6 +1028,34 @@ static void test_own_preview_goes(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// Files that cannot be read leave room for one that can.
+static void test_failures_leave_room(void **state)
+{
+    static const char *const extra[] = {"--client-models", "3", NULL};
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load load = small_bake(0, 200);
+    char path[160], id[ID_SIZE], last[ID_SIZE];
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    OK(load_preview(client, "good", 9, id, &error));
+    snprintf(path, sizeof path, "%s/broken.glb", d.folder);
+    for (int i = 0; i < 4; i++) {
+        char text[20];
+        snprintf(text, sizeof text, "no model %d", i);
+        write_text(path, text);
+        OK(relight_load_file(client, path, &load, NULL, NULL, &loaded, &error));
+        int status = relight_watch(client, loaded.job, NULL, NULL, &error);
+        expect(status, RELIGHT_E_JOB_FAILED, &error, NULL);
+        relight_loaded_finish(&loaded);
+    }
+    OK(load_preview(client, "another", 10, last, &error));
+    assert_known(client, id);
+    assert_known(client, last);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // Uploads that are new stay for a while: one who fills the disk with them is refused, and the
 // other, who keeps within its share, loses nothing.
 static void test_greedy_uploads_are_refused(void **state)
@@ -1201,6 +1229,7 @@ int main(void)
         TEST(test_greedy_gives_way),
         TEST(test_share_of_models),
         TEST(test_own_preview_goes),
+        TEST(test_failures_leave_room),
         TEST(test_greedy_uploads_are_refused),
         TEST(test_uploads_take_room_once),
         TEST(test_longest_unused_bake_goes),
