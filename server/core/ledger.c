@@ -74,14 +74,14 @@ uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource reso
 bool ledger_above_share(const struct ledger *ledger, enum ledger_resource resource,
                         const char *name, const char *asker, uint64_t more)
 {
-    uint64_t n = 0, own = 0;
+    uint64_t n = 0, own = 0, all = ledger_limit_all(ledger, resource);
     for (const struct principal *p = ledger->principal; p; p = p->next) {
         bool asks = asker && !strcmp(p->name, asker);
         uint64_t held = p->held[resource] + (asks ? more : 0);
         n += held > 0;
         if (!strcmp(p->name, name)) own = held;
     }
-    return own > ledger_limit_all(ledger, resource) / (n ? n : 1);
+    return all && own > all / (n ? n : 1);
 }
 
 const char *ledger_name(enum ledger_resource resource)

@@ -128,7 +128,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Memory for decoded environments, lights, visibility buffers and colours that "           \
       "are kept for reuse")                                                                     \
     X(BYTES, disk, "disk", "BYTES", "64G",                                                      \
-      "Disk space for all uploads and bakes under --data. What review rooms need is not "       \
+      "Disk space for all uploads and bakes under --data, 0: no limit. What rooms need is not " \
       "removed to make room. An upload that puts its principal above an equal share "           \
       "removes no other's files that are within theirs")                                        \
     X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                          \

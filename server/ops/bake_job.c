@@ -131,6 +131,7 @@ static uint64_t checkpoint_room(struct server *server)
 {
     uint64_t room = server->options.bake_checkpoint, disk = server->options.disk;
     uint64_t used = disk_bytes(server->ledger), left = used < disk ? disk - used : 0;
+    if (!disk) left = UINT64_MAX;         // no limit
     if (server->data_temporary) return 0; // nothing survives the daemon
     if (room > left) room = left;
     return room < least_room ? 0 : room;

@@ -209,6 +209,13 @@ static bool evict_of_principal(struct server *server, const struct model *newest
     return false;
 }
 
+// Whether so many bytes more would pass --disk; 0 is no limit, as for the ledger.
+static bool beyond_disk(const struct server *server, uint64_t more)
+{
+    uint64_t most = server->options.disk;
+    return most && disk_bytes(server->ledger) + more > most;
+}
+
 void evict_for_room(struct server *server, const struct model *newest, const char *asker)
 {
     const struct options *o = &server->options;
@@ -216,7 +223,7 @@ void evict_for_room(struct server *server, const struct model *newest, const cha
     struct wish bake = {.resource = LEDGER_DISK, .newest = newest};
     for (;;) {
         if (evict_of_principal(server, newest)) continue;
-        if (disk_bytes(server->ledger) > o->disk && evict_one(server, PREVIEW, w)) continue;
+        if (beyond_disk(server, 0) && evict_one(server, PREVIEW, w)) continue;
         if (bakes_bytes(server) > o->bakes_disk && evict_one(server, BAKE, bake)) continue;
         return;
     }
@@ -226,20 +233,21 @@ void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
 {
     const struct options *o = &server->options;
     uint64_t most = disk_limit_of(server->ledger, owner),
-             more = disk_size(bytes) + disk_size(1);     // and the owner's record
-    if (more > o->disk || (most && more > most)) return; // refused whatever is evicted
+             more = disk_size(bytes) + disk_size(1); // and the owner's record
+    // Refused whatever is evicted.
+    if ((o->disk && more > o->disk) || (most && more > most)) return;
     struct wish all = {.resource = LEDGER_DISK, .asker = owner, .more = more}, own = all;
     own.owner = owner;
     while (most && disk_bytes_of(server->ledger, owner) + more > most)
         if (!evict_one(server, PREVIEW, own)) return; // refused: other principals keep theirs
-    while (disk_bytes(server->ledger) + more > o->disk)
+    while (beyond_disk(server, more))
         if (!evict_one(server, PREVIEW, all)) break;
 }
 
 void evict_for_event(struct server *server, uint64_t bytes)
 {
     struct wish w = {.resource = LEDGER_DISK, .more = bytes};
-    while (disk_bytes(server->ledger) + bytes > server->options.disk)
+    while (beyond_disk(server, bytes))
         if (!evict_one(server, PREVIEW, w)) return;
 }
 
@@ -253,7 +261,7 @@ bool evict_over(const struct server *server, const char *owner, char error[256])
                  "%s holds %llu bytes on disk, its limit is %llu (--client-disk, or its "
                  "token's quota)",
                  owner, (unsigned long long)mine, (unsigned long long)most);
-    else if (disk_bytes(server->ledger) > o->disk)
+    else if (beyond_disk(server, 0))
         snprintf(error, 256, "the disk budget of %llu bytes is spent (--disk)",
                  (unsigned long long)o->disk);
     else return false;

@@ -386,7 +386,8 @@ static int run_copying(struct file_task *task)
     char to[PATH_MAX];
     if (snprintf(to, sizeof to, "%s/imports", server->data) >= PATH_MAX) return PRT_IO;
     import_copy_file(c->imports->folder, c->path, to, c->known ? c->known->hash : "",
-                     c->known_stamp, server->options.disk, &c->stop, &c->file);
+                     c->known_stamp, server->options.disk ? server->options.disk : UINT64_MAX,
+                     &c->stop, &c->file);
     return PRT_OK;
 }
 

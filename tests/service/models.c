@@ -927,6 +927,27 @@ static void test_previews_leave_room(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// 0 is no limit, for uploads, previews, copies and bakes alike.
+static void test_disk_without_limit(void **state)
+{
+    static const char *const extra[] = {"--disk", "0", NULL};
+    struct relight_error error;
+    char path[200], id[ID_SIZE], bake[ID_SIZE], hash[65];
+    in_models("stone.prt", path);
+    copy_file(baked, path);
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    ask_red(client, "stone", 1);
+    bake_small(client, &d, bake);
+    OK(load_preview(client, "glance", 12, id, &error));
+    OK(relight_upload(client, "five", "bytes", 5, NULL, NULL, hash, NULL, &error));
+    assert_known(client, id);
+    assert_known(client, bake);
+    assert_true(metric(client, "relightd_bakes_evicted_total") == 0);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // A principal's share: its own old previews go, and a model above it is refused.
 static void test_share_of_a_principal(void **state)
 {
@@ -1225,6 +1246,7 @@ int main(void)
         TEST(test_files_of_one_name),
         TEST(test_bakes_of_one_client),
         TEST(test_previews_leave_room),
+        TEST(test_disk_without_limit),
         TEST(test_share_of_a_principal),
         TEST(test_greedy_gives_way),
         TEST(test_share_of_models),
