@@ -40,6 +40,7 @@ static void set_reading(struct connection *conn, bool on)
 static void closed(struct connection *conn)
 {
     struct exchange *x = conn->carrier_data;
+    upload_forget(x);
     x->conn = NULL;
     stop_watching(x);
     ledger_give(conn->principal, LEDGER_PAYLOAD, x->json_charged + x->kept_charged);

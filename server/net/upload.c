@@ -326,6 +326,14 @@ void upload_receive(struct exchange *x, const void *bytes, size_t n)
     }
 }
 
+void upload_forget(struct exchange *x)
+{
+    if (!x->upload[0]) return;
+    x->complete = true;
+    blobs_put_drop(x->server->blobs, x->conn->principal->name, x->upload);
+    x->upload[0] = 0;
+}
+
 void upload_end(struct exchange *x)
 {
     bool chunk = x->chunk != NULL && !x->head.chunked;
@@ -341,10 +349,5 @@ void upload_end(struct exchange *x)
     }
     ledger_give(x->conn->principal, LEDGER_PAYLOAD, x->json_charged);
     x->json_charged = 0;
-    if (x->upload[0]) { // it will not be resumed: nobody has its name
-        Relight__PutBlobRequest forget = RELIGHT__PUT_BLOB_REQUEST__INIT;
-        forget.upload = x->upload;
-        x->complete = true;
-        exchange_dispatch(x, RELIGHT_TYPE_PUT_BLOB, &forget.base, NULL, 0);
-    }
+    upload_forget(x);
 }

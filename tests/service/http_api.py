@@ -316,7 +316,8 @@ def bodies_that_end_early_or_drip(d):
     d.wait_metric('relightd_resource_held{resource="payload"}', 0)
     began = time.monotonic()
     with socket.create_connection(("127.0.0.1", d.port), timeout=20) as s:
-        s.sendall(head)
+        s.sendall(head + b"x" * 1500000)
+        d.wait_metric('relightd_resource_held{resource="uploads"}', 1)
         try:
             while time.monotonic() < began + 60:
                 s.sendall(b"x")
@@ -330,6 +331,7 @@ def bodies_that_end_early_or_drip(d):
         except (BrokenPipeError, ConnectionResetError):
             pass
     assert time.monotonic() < began + 60, "a body may drip for ever (--frame-time)"
+    d.wait_metric('relightd_resource_held{resource="uploads"}', 0)  # nobody can go on with it
     d.wait_metric('relightd_resource_held{resource="payload"}', 0)
 
 
