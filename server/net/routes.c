@@ -461,13 +461,13 @@ static bool prepare_blob(struct exchange *x, struct http_problem *problem)
         http_refuse(problem, 400, "bad_request", "the body is empty");
         return false;
     }
-    if (!whole_number(x, "size", &x->blob_size, problem) ||
+    if ((x->id[0] && !whole_number(x, "size", &x->blob_size, problem)) ||
         (x->id[0] && !asks && !whole_number(x, "offset", &x->blob_offset, problem)) ||
         !new_message(x, &relight__put_blob_request__descriptor, problem))
         return false;
     memcpy(x->blob, x->id, x->id[0] ? 65 : 1);
     // A question about a blob that is there needs no size; one about an upload does.
-    const char *size = http_parameter(&x->head, "size");
+    const char *size = x->id[0] ? http_parameter(&x->head, "size") : NULL;
     return !message_set(x->message, "hash", x->id, error) &&
            !message_set(x->message, "size", size ? size : "1", error);
 }

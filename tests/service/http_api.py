@@ -198,6 +198,9 @@ def uploads(d):
     problem, _ = d.problem(422, "PUT", "/v1/blobs/" + "0" * 64, b"other bytes")
     assert problem["code"] == "hash"
     d.problem(400, "POST", "/v1/blobs")
+    # Without its hash a file comes as a whole: nobody could send the rest.
+    problem, _ = d.problem(400, "POST", "/v1/blobs?size=10", b"begun")
+    assert problem["parameter"] == "size", problem
     problem, headers = d.problem(413, "POST", "/v1/blobs", b"x" * 5000001)
     assert problem["maximum"] == 5000000
     d.json("POST", "/v1/blobs", b"x" * 5000000, expect=201)
