@@ -353,12 +353,12 @@ enum exchange_next exchange_write(struct exchange *x)
 bool exchange_connect(struct exchange *x, const struct caller *caller,
                       struct http_problem *problem)
 {
-    char error[256] = "the daemon is at its limit of connections";
+    char error[256];
     struct accepted client = {0};
     struct server *server = x->server;
+    const bool room = server->n_connection < server->options.connections;
     accepted_describe(lws_get_socket_fd(x->wsi), &client);
-    if (server->n_connection < server->options.connections)
-        x->conn = connection_open(server, &http_carrier, x, client.peer, client.who);
+    if (room) x->conn = connection_open(server, &http_carrier, x, client.peer, client.who);
     if (x->conn && !connection_identify(x->conn, caller, error)) {
         x->conn->own_limit = true;
         http_refuse(problem, 429, "busy", "%s", error);
@@ -371,8 +371,10 @@ bool exchange_connect(struct exchange *x, const struct caller *caller,
         snprintf(x->conn->request_id, sizeof x->conn->request_id, "%s", x->request_id);
         return true;
     }
-    server->stats.connections_refused++;
-    http_refuse(problem, 503, "busy", "%s", error);
+    server->stats.connections_refused += !room; // connection_open counts its own
+    http_refuse(problem, room ? 429 : 503, "busy", "%s",
+                room ? "your address is at its limit of connections (--client-connections)"
+                     : "the daemon is at its limit of connections (--connections)");
     problem->retry_after_ms = 1000;
     return false;
 }

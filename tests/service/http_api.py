@@ -423,6 +423,23 @@ def chunked_bodies_beyond_a_limit(binaries):
         d.end()
 
 
+def connections_beyond_a_limit(binaries):
+    """429 where the client's own limit is reached, 503 where the daemon's is."""
+    for option, status in (("--client-connections", 429), ("--connections", 503)):
+        d = Daemon(binaries, option, "1")
+        try:
+            with socket.create_connection(("127.0.0.1", d.port)) as s:
+                s.sendall(b"POST /v1/blobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\nx")
+                d.wait_metric('relightd_resource_held{resource="connections"}', 1)
+                problem, _ = d.problem(status, "GET", "/v1/models")
+                assert option + ")" in problem["detail"], problem
+                assert d.metrics()["relightd_connections_refused_total"] == 1
+            d.wait_metric('relightd_resource_held{resource="connections"}', 0)
+            d.json("GET", "/v1/models")
+        finally:
+            d.end()
+
+
 def models_are_forgotten(d):
     assert d.json("DELETE", "/v1/models/small?forget=yes")["state"] == "unknown"
     d.problem(404, "GET", "/v1/models/small")
@@ -465,6 +482,8 @@ def main():
                        "--client-uploads", "8", "--log", "trace"))
     print("    chunked bodies beyond a limit")
     chunked_bodies_beyond_a_limit(binaries)
+    print("    connections beyond a limit")
+    connections_beyond_a_limit(binaries)
     print("    tokens are wanted")
     try:
         tokens_are_wanted(binaries)
