@@ -273,7 +273,7 @@ static void run_chunked(struct exchange *x)
 {
     size_t n = x->chunk_at;
     x->head.body_size = x->body_at;
-    connection_part_ends(x->conn, (size_t)x->body_at);
+    connection_part_ends(x->conn, x->json ? (size_t)x->body_at : 0); // send_chunk counts a file
     if (x->json) {
         run_json(x);
     } else if (!n) {

@@ -284,6 +284,7 @@ def chunked_bodies(d):
     data = bytes(range(256)) * 8000
     framed = b"".join(b"%X;x=y\r\n%s\r\n" % (len(p), p)
                       for p in (data[:1], data[1:70000], data[70000:])) + b"0\r\nA: b\r\n\r\n"
+    before = d.metrics()["relightd_bytes_in_total"]
     with socket.create_connection(("127.0.0.1", d.port), timeout=20) as s:
         for i in range(0, len(head + framed), 60001):  # cut anywhere
             s.sendall((head + framed)[i:i + 60001])
@@ -291,6 +292,7 @@ def chunked_bodies(d):
         while piece := s.recv(65536):  # it closes behind its answer
             answer += piece
     assert b"HTTP/1.1 20" in answer and hashlib.sha256(data).hexdigest().encode() in answer, answer
+    assert d.metrics()["relightd_bytes_in_total"] - before == len(data)
     # A request behind the end is not answered; nothing is kept of it.
     answer = d.raw(head + b"5\r\nhello\r\n0\r\n\r\nGET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n", 5)
     assert answer.count(b"HTTP/1.1") == 1 and hashlib.sha256(b"hello").hexdigest().encode() in answer
