@@ -23,12 +23,14 @@ import { FIRST, FIRST_LAMP } from "../src/state/scene-state";
 
 type Ended = (error: Error | null) => void;
 type Answered = (answer: { message: unknown }) => void;
+const SLOW = { timeout: 60_000 }; // a busy machine
 const busy = (retryAfterMs: number) =>
   new RelightError({ code: ErrorCode.ERROR_BUSY, text: "busy", hint: "", retryAfterMs });
 
 interface ViewChange {
   fields: string[];
   lights?: { env?: unknown }[];
+  picture?: { width: number; height: number; camera: { eye: { x: number } } };
 }
 
 const fakeCanvas = () =>
@@ -94,11 +96,16 @@ function rig(refusals: RelightError[] = []) {
       fine: () => undefined,
     },
   );
+  const scene = (model: string) => ({
+    ...FIRST,
+    model,
+    lamps: [{ ...FIRST_LAMP, env: "constant" }],
+  });
   const show = async (model: string) => {
-    viewer.show({ ...FIRST, model, lamps: [{ ...FIRST_LAMP, env: "constant" }] });
+    viewer.show(scene(model));
     await new Promise((done) => setTimeout(done, 10));
   };
-  return { viewer, show, watched, watches, cancelled, faults, views, changes, refused };
+  return { viewer, show, scene, watched, watches, cancelled, faults, views, changes, refused };
 }
 
 test("the bake of the model that is shown now is followed", async () => {
@@ -198,6 +205,16 @@ test("a medium that is refused loses neither the lights nor the term sent with i
   viewer.close();
 });
 
+test("a camera that turns before the first picture is drawn", async () => {
+  const { show, viewer, changes, scene } = rig();
+  await show("a");
+  viewer.show({ ...scene("a"), orbit: { ...FIRST.orbit, azimuth: 90 } });
+  await vi.waitFor(() => expect(changes.length).toBe(1), SLOW);
+  expect(changes[0]?.fields).toEqual(["picture"]);
+  expect(changes[0]?.picture?.camera.eye.x).toBeGreaterThan(1);
+  viewer.close();
+});
+
 test("lights that were refused are sent whole with the next change", async () => {
   const { show, viewer, changes, refused } = rig();
   await show("a");
@@ -216,7 +233,6 @@ test("lights that were refused are sent whole with the next change", async () =>
 });
 
 type Framed = (frame: { message: ViewFrame; payload: Uint8Array }) => void;
-const SLOW = { timeout: 60_000 }; // a busy machine
 // Returns the first n color formats that the viewer asks for. The daemon has a baked model of one
 // triangle with factors of rank 1; the stage draws nothing. gain: the variant's albedo over the baked one.
 async function formatsOf(gain: { x: number; y: number; z: number } | undefined, n: number) {

@@ -118,6 +118,7 @@ export class Viewer {
   private ordering = false; // it is on the way, or there is none
   private frame: Frame | null = null;
   private view: LightView | null = null;
+  private pictures = false; // the view draws pictures, its first one may be on the way
   // The model is opened anew when its bake is done. The picture stays until the first colours are there.
   private readonly bake: BakeWatch;
   private opening = 0; // grows with every opening: answers of an older one are dropped
@@ -170,13 +171,12 @@ export class Viewer {
     this.applyCamera(state);
     const lights = JSON.stringify(state.lamps);
     if (this.stage && lights !== this.lit) void this.applyLamps(state, lights);
-    const pictures = this.status.mode === "pictures";
     const changed =
       !same(old?.lamps, state.lamps) ||
       old?.material !== state.material ||
       !same(old.materials, state.materials) ||
       old.term !== state.term ||
-      (pictures && !same(old, state));
+      (this.pictures && !same(old, state));
     if (changed) this.changed();
   }
 
@@ -467,6 +467,7 @@ export class Viewer {
     if (!state) return;
     const { lights, payload } = await lightMessages(this.client, state.lamps);
     if (!current()) return;
+    this.pictures = !colors;
     const wanted = this.wanted(state, !colors, 0);
     const first: ViewInit = {
       lights,
@@ -526,7 +527,7 @@ export class Viewer {
   private async change(level: number): Promise<ViewChange> {
     const { state, told } = this;
     if (!state || !told) return { state: {}, fields: ["shade.term"] };
-    const wanted = this.wanted(state, this.status.mode === "pictures", level);
+    const wanted = this.wanted(state, this.pictures, level);
     if (!wanted.picture && wanted.options.colorFormat !== told.format)
       this.view?.useLevels(isCoefficients(wanted.options.colorFormat));
     return told.change(this.client, wanted, () => {
@@ -694,7 +695,7 @@ export class Viewer {
       Math.max(1, Math.round(this.canvas.clientHeight * ratio)),
     );
     if (this.state) this.applyCamera(this.state);
-    if (this.status.mode === "pictures") this.changed();
+    if (this.pictures) this.changed();
   }
 
   close(): void {
