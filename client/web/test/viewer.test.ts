@@ -33,13 +33,14 @@ interface ViewChange {
   picture?: { width: number; height: number; camera: { eye: { x: number } } };
 }
 
-const fakeCanvas = () =>
-  Object.assign(new EventTarget(), { clientWidth: 64, clientHeight: 64 }) as HTMLCanvasElement;
+const fakeCanvas = (clientWidth = 64, clientHeight = 64) =>
+  Object.assign(new EventTarget(), { clientWidth, clientHeight }) as HTMLCanvasElement;
 
 // A viewer of a daemon whose models all bake; what it watches and cancels.
 function rig(refusals: RelightError[] = []) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
+  const opened: ViewChange[] = [];
   const watched: string[] = [];
   const watches: { answered: Answered; ended: Ended }[] = [];
   const cancelled: bigint[] = [];
@@ -68,7 +69,7 @@ function rig(refusals: RelightError[] = []) {
     stream: (
       type: Type,
       _: unknown,
-      init: { job: string },
+      init: { job: string; state: ViewChange },
       __: unknown,
       answered: Answered,
       ended: Ended,
@@ -77,25 +78,24 @@ function rig(refusals: RelightError[] = []) {
         watched.push(init.job);
         watches.push({ answered, ended });
       }
-      if (type === Type.ViewOpen) views.push(ended);
+      if (type === Type.ViewOpen) {
+        opened.push(init.state);
+        views.push(ended);
+      }
       return ++id;
     },
   };
-  const canvas = fakeCanvas();
-  const viewer = new Viewer(
-    client as unknown as Client,
-    { canvas, pictureCanvas: canvas },
-    null,
-    {
-      status: () => undefined,
-      info: () => undefined,
-      fault: (error, again = false) => {
-        if (!(error instanceof RelightError)) throw error;
-        faults.push({ text: error.message, again });
-      },
-      fine: () => undefined,
+  const canvas = fakeCanvas(64, 48);
+  const pictureCanvas = { clientWidth: 0, clientHeight: 0, hidden: true } as HTMLCanvasElement;
+  const viewer = new Viewer(client as unknown as Client, { canvas, pictureCanvas }, null, {
+    status: () => undefined,
+    info: () => undefined,
+    fault: (error, again = false) => {
+      if (!(error instanceof RelightError)) throw error;
+      faults.push({ text: error.message, again });
     },
-  );
+    fine: () => undefined,
+  });
   const scene = (model: string) => ({
     ...FIRST,
     model,
@@ -105,7 +105,19 @@ function rig(refusals: RelightError[] = []) {
     viewer.show(scene(model));
     await new Promise((done) => setTimeout(done, 10));
   };
-  return { viewer, show, scene, watched, watches, cancelled, faults, views, changes, refused };
+  return {
+    viewer,
+    show,
+    scene,
+    watched,
+    watches,
+    cancelled,
+    faults,
+    views,
+    opened,
+    changes,
+    refused,
+  };
 }
 
 test("the bake of the model that is shown now is followed", async () => {
@@ -212,6 +224,13 @@ test("a camera that turns before the first picture is drawn", async () => {
   await vi.waitFor(() => expect(changes.length).toBe(1), SLOW);
   expect(changes[0]?.fields).toEqual(["picture"]);
   expect(changes[0]?.picture?.camera.eye.x).toBeGreaterThan(1);
+  viewer.close();
+});
+
+test("the first picture of a browser without WebGL has the size of the element", async () => {
+  const { show, viewer, opened } = rig();
+  await show("a");
+  expect(opened[0]?.picture).toMatchObject({ width: 64, height: 48 });
   viewer.close();
 });
 

@@ -272,9 +272,8 @@ export class Viewer {
 
   /** The camera of a state, in the model's own units. */
   placed(state: SceneState): Placed {
-    const { canvas, pictureCanvas } = this;
-    const shown = this.stage ? canvas : pictureCanvas;
-    const aspect = shown.clientWidth / Math.max(1, shown.clientHeight) || 1;
+    const { canvas } = this;
+    const aspect = canvas.clientWidth / Math.max(1, canvas.clientHeight) || 1;
     return place(this.frame ?? { centre: [0, 0, 0], radius: 1 }, state.orbit, aspect);
   }
 
@@ -499,12 +498,12 @@ export class Viewer {
 
   // ---- colours and pictures of the daemon
 
-  // Pixels of the picture that is shown, at a share of its resolution.
+  // Pixels of the picture that is shown, at a share of its resolution. Its own canvas has no size
+  // until the first one is there.
   private pictureSize(share = 1): { width: number; height: number } {
-    const shown = this.stage && !this.noWebGL ? this.canvas : this.pictureCanvas;
     const ratio = share * Math.min(globalThis.devicePixelRatio || 1, 1.5);
     const side = (length: number) => Math.max(16, Math.min(1600, Math.round(length * ratio)));
-    return { width: side(shown.clientWidth), height: side(shown.clientHeight) };
+    return { width: side(this.canvas.clientWidth), height: side(this.canvas.clientHeight) };
   }
 
   // What the view is to show of a state, in frames of a level (LEVELS).
