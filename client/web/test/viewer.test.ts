@@ -23,6 +23,7 @@ import { FIRST, FIRST_LAMP } from "../src/state/scene-state";
 
 type Ended = (error: Error | null) => void;
 type Answered = (answer: { message: unknown }) => void;
+type Framed = (frame: { message: ViewFrame; payload: Uint8Array }) => void;
 const SLOW = { timeout: 60_000 }; // a busy machine
 const busy = (retryAfterMs: number) =>
   new RelightError({ code: ErrorCode.ERROR_BUSY, text: "busy", hint: "", retryAfterMs });
@@ -41,6 +42,7 @@ function rig(refusals: RelightError[] = []) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
   const opened: ViewChange[] = [];
+  const framed: Framed[] = []; // of the views
   const watched: string[] = [];
   const watches: { answered: Answered; ended: Ended }[] = [];
   const cancelled: bigint[] = [];
@@ -81,12 +83,19 @@ function rig(refusals: RelightError[] = []) {
       if (type === Type.ViewOpen) {
         opened.push(init.state);
         views.push(ended);
+        framed.push(answered);
       }
       return ++id;
     },
   };
   const canvas = fakeCanvas(64, 48);
-  const pictureCanvas = { clientWidth: 0, clientHeight: 0, hidden: true } as HTMLCanvasElement;
+  const drawn: unknown[] = [];
+  const pictureCanvas = {
+    clientWidth: 0,
+    clientHeight: 0,
+    hidden: true,
+    getContext: () => ({ drawImage: (one: { of: string }) => drawn.push(one.of) }),
+  } as unknown as HTMLCanvasElement;
   const viewer = new Viewer(client as unknown as Client, { canvas, pictureCanvas }, null, {
     status: () => undefined,
     info: () => undefined,
@@ -105,19 +114,8 @@ function rig(refusals: RelightError[] = []) {
     viewer.show(scene(model));
     await new Promise((done) => setTimeout(done, 10));
   };
-  return {
-    viewer,
-    show,
-    scene,
-    watched,
-    watches,
-    cancelled,
-    faults,
-    views,
-    opened,
-    changes,
-    refused,
-  };
+  const rest = { watches, pictureCanvas, drawn, framed, opened, changes, refused };
+  return { viewer, show, scene, watched, cancelled, faults, views, ...rest };
 }
 
 test("the bake of the model that is shown now is followed", async () => {
@@ -234,6 +232,56 @@ test("the first picture of a browser without WebGL has the size of the element",
   viewer.close();
 });
 
+// Bitmaps that are decoded when the test says; their name is the picture's text.
+function decoder() {
+  const waiting: (() => void)[] = [];
+  vi.stubGlobal("createImageBitmap", async (blob: Blob) => {
+    const of = await blob.text();
+    await new Promise<void>((done) => waiting.push(done));
+    return { of, width: 1, height: 1, close: () => undefined };
+  });
+  return async (n: number) => {
+    await vi.waitFor(() => expect(waiting.length).toBe(n), SLOW);
+    waiting.splice(0).forEach((done) => done());
+    await new Promise((done) => setTimeout(done, 10));
+  };
+}
+const picture = (frame: bigint, of: string) => ({
+  message: create(ViewFrameSchema, { frame, image: {} }),
+  payload: new TextEncoder().encode(of),
+});
+
+test("a picture that is decoded late is not drawn over another model", async () => {
+  const { show, viewer, framed, drawn } = rig();
+  const decode = decoder();
+  await show("a");
+  framed[0]?.(picture(1n, "a1"));
+  await decode(1);
+  framed[0]?.(picture(9n, "a9"));
+  await show("b");
+  await decode(1);
+  framed[1]?.(picture(2n, "b2"));
+  await decode(1);
+  expect(drawn).toEqual(["a1", "b2"]);
+  viewer.close();
+  vi.unstubAllGlobals();
+});
+
+test("the picture goes with its model", async () => {
+  const { show, viewer, framed, pictureCanvas } = rig();
+  const decode = decoder();
+  await show("a");
+  framed[0]?.(picture(1n, "a1"));
+  await decode(1);
+  expect(pictureCanvas.hidden).toBe(false);
+  framed[0]?.(picture(2n, "a2"));
+  await show("");
+  await decode(1);
+  expect(pictureCanvas.hidden).toBe(true);
+  viewer.close();
+  vi.unstubAllGlobals();
+});
+
 test("lights that were refused are sent whole with the next change", async () => {
   const { show, viewer, changes, refused } = rig();
   await show("a");
@@ -251,7 +299,6 @@ test("lights that were refused are sent whole with the next change", async () =>
   viewer.close();
 });
 
-type Framed = (frame: { message: ViewFrame; payload: Uint8Array }) => void;
 // Returns the first n color formats that the viewer asks for. The daemon has a baked model of one
 // triangle with factors of rank 1; the stage draws nothing. gain: the variant's albedo over the baked one.
 async function formatsOf(gain: { x: number; y: number; z: number } | undefined, n: number) {

@@ -341,6 +341,7 @@ export class Viewer {
     this.mesh = null;
     this.frame = null;
     this.stage?.setMesh(null);
+    this.pictureCanvas.hidden = true;
     this.setStatus(NO_STATUS);
     this.events.info(null);
   }
@@ -494,6 +495,7 @@ export class Viewer {
     this.view?.close();
     this.view = null;
     this.told = null;
+    this.pictureFrame = 0n;
   }
 
   // ---- colours and pictures of the daemon
@@ -627,8 +629,9 @@ export class Viewer {
 
   private async drawPicture(frame: ViewFrame, payload: Uint8Array): Promise<void> {
     if (frame.equal) return;
+    const { view } = this;
     const bitmap = await createImageBitmap(new Blob([payload.slice()], { type: "image/jpeg" }));
-    if (frame.frame < this.pictureFrame && frame.frame > 1n) return; // decoded out of order
+    if (view !== this.view || frame.frame < this.pictureFrame) return; // decoded too late
     this.pictureFrame = frame.frame;
     const canvas = this.pictureCanvas;
     if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
