@@ -6,6 +6,7 @@ import {
   ErrorCode,
   FactorsAnswerSchema,
   GeometryAnswerSchema,
+  ImageFormat,
   JobState,
   ModelInfoSchema,
   ModelState,
@@ -42,6 +43,7 @@ function rig(refusals: RelightError[] = []) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
   const opened: ViewChange[] = [];
+  const stills: string[] = []; // models
   const framed: Framed[] = []; // of the views
   const watched: string[] = [];
   const watches: { answered: Answered; ended: Ended }[] = [];
@@ -51,6 +53,7 @@ function rig(refusals: RelightError[] = []) {
   let id = 0n;
   const request = (type: Type, init: { model: string; state: ViewChange }) => {
     if (type === Type.ViewSet) changes.push(init.state);
+    if (type === Type.Image) stills.push(init.model);
     const error = type === Type.Info ? refusals.shift() : undefined;
     const no = type === Type.ViewSet ? refused.shift() : error;
     if (no) return Promise.reject(no);
@@ -58,7 +61,9 @@ function rig(refusals: RelightError[] = []) {
       type === Type.Info
         ? create(ModelInfoSchema, { model: init.model, state: ModelState.MODEL_BAKING })
         : {};
-    return Promise.resolve({ message, payload: new Uint8Array(0) });
+    const answer = { message, payload: new Uint8Array(0) };
+    if (type !== Type.Info) return Promise.resolve(answer);
+    return new Promise((done) => setTimeout(() => done(answer), 1));
   };
   const client = {
     hello: {},
@@ -114,7 +119,7 @@ function rig(refusals: RelightError[] = []) {
     viewer.show(scene(model));
     await new Promise((done) => setTimeout(done, 10));
   };
-  const rest = { watches, pictureCanvas, drawn, framed, opened, changes, refused };
+  const rest = { stills, watches, pictureCanvas, drawn, framed, opened, changes, refused };
   return { viewer, show, scene, watched, cancelled, faults, views, ...rest };
 }
 
@@ -280,6 +285,20 @@ test("the picture goes with its model", async () => {
   expect(pictureCanvas.hidden).toBe(true);
   viewer.close();
   vi.unstubAllGlobals();
+});
+
+test("a still is of the model that is opened, and of none that was refused", async () => {
+  const no = { code: ErrorCode.ERROR_NOT_FOUND, text: "no model", hint: "", retryAfterMs: 0 };
+  const refusals: RelightError[] = [];
+  const { show, viewer, scene, stills } = rig(refusals);
+  await show("a");
+  viewer.show(scene("b"));
+  await viewer.still(ImageFormat.IMAGE_PNG);
+  refusals.push(new RelightError(no));
+  await show("c");
+  await viewer.still(ImageFormat.IMAGE_PNG);
+  expect(stills).toEqual(["b", "c"]);
+  viewer.close();
 });
 
 test("lights that were refused are sent whole with the next change", async () => {

@@ -104,6 +104,7 @@ export class Viewer {
   private told: Told | null = null; // of the view
   private lit = ""; // lamps that the stage has
   private info: ModelInfo | null = null;
+  private infoOf = ""; // the name or id in the state by which it was asked for
   private mesh: Mesh | null = null;
   private errorsOf: {
     info: ModelInfo | null;
@@ -291,7 +292,13 @@ export class Viewer {
   // ---- opening
 
   /** Opens the model of the state anew: after a choice, a connection, or the end of a bake. */
-  async open(): Promise<void> {
+  open(): Promise<void> {
+    this.opened = this.openNow();
+    return this.opened;
+  }
+  private opened = Promise.resolve();
+
+  private async openNow(): Promise<void> {
     const turn = ++this.opening;
     if (!this.surface) this.surfaceOf = "";
     const current = () => turn === this.opening;
@@ -310,6 +317,7 @@ export class Viewer {
       );
       if (!current()) return;
       this.info = info;
+      this.infoOf = state.model;
       this.events.info(info);
       const baked =
         (info.state === ModelState.MODEL_READY || info.state === ModelState.MODEL_UNLOADED) &&
@@ -657,20 +665,22 @@ export class Viewer {
 
   // ---- pictures of the daemon
 
-  /** The daemon's picture of the state as it is. */
+  /** The daemon's picture of the state as it is, once its model is open. */
   async still(
     format: ImageFormat,
     size?: { width: number; height: number },
     state = this.state,
   ): Promise<{ bytes: Uint8Array; width: number; height: number }> {
     if (!state) throw new Error("no model is shown");
+    await this.opened;
+    const model = (this.infoOf === state.model && this.info?.model) || state.model;
     const { lights, payload } = await lightMessages(this.client, state.lamps);
     const drawn = pictureOf(state, this.placed(state), size ?? this.pictureSize());
     const picture = { ...drawn, format, quality: 92, samples: 8 };
     const answer = await this.client.request(
       Type.Image,
       ImageRequestSchema,
-      { model: this.info?.model ?? state.model, lights, shade: shadeOf(state), picture },
+      { model, lights, shade: shadeOf(state), picture },
       ImageAnswerSchema,
       payload,
     );
