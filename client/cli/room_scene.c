@@ -96,13 +96,12 @@ static int add_model(struct room_call *c, cJSON *scene, cJSON *parts)
 static void add_shade(const struct options *o, cJSON *scene, cJSON *parts)
 {
     static const char *const terms[] = {"total", "irradiance", "multiple", "single"};
-    const bool variant = o->given[9], term = o->given['t'];
+    const bool variant = o->given[9], term = o->given['t'], engine = o->given['g'];
     const bool error = o->shade.max_error > 0, budget = o->shade.budget_ms > 0;
-    if (!o->shade.engine && !o->n_material && !variant && !term && !error && !budget) return;
+    if (!engine && !o->n_material && !variant && !term && !error && !budget) return;
     cJSON *shade = cJSON_AddObjectToObject(scene, "shade");
     cJSON_AddItemToArray(parts, cJSON_CreateString("shade"));
-    if (o->shade.engine)
-        cJSON_AddStringToObject(shade, "engine", relight_engine_name(o->shade.engine));
+    if (engine) cJSON_AddStringToObject(shade, "engine", relight_engine_name(o->shade.engine));
     if (term) cJSON_AddStringToObject(shade, "term", terms[o->shade.term]);
     if (error) cJSON_AddNumberToObject(shade, "max_error", (double)o->shade.max_error);
     if (budget) cJSON_AddNumberToObject(shade, "budget_ms", o->shade.budget_ms);

@@ -195,6 +195,12 @@ scene = json.load(open(sys.argv[1]))['scene']
 p, s = scene['picture'], scene['shade']
 assert (p['width'], p['exposure_ev'], p['transparent'], s['term'], s['variant']) == (80, 2, True, 'multiple', 'default')
 END
+expect 0 room scene later --engine splat
+expect 0 room show later --json
+says '"engine":"splat"'
+expect 0 room scene later --engine default
+expect 0 room show later --json
+says '"engine":"default"'
 expect 0 room scene later --exposure 0 --background 1,1,1
 expect 0 room show later --json
 python3 - out <<'END' || fail "the scene: $(cat out)"
