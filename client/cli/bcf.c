@@ -169,8 +169,19 @@ static cJSON *pin_record(const cJSON *state, const cJSON *pin)
     return record;
 }
 
+// Of the pin's model: the room may show one of another scale by now.
+static double metres_per_unit(struct room_call *c, const cJSON *pin)
+{
+    struct relight_model model;
+    const char *id = text_of(list_of(pin, "seen"), "model");
+    if (!*id || relight_info(c->client, id, &model, &c->error)) return 1e-3;
+    double mm = model.mm_per_unit;
+    relight_model_finish(&model);
+    return mm > 0 ? mm * 1e-3 : 1e-3;
+}
+
 static int add_topic(struct room_call *c, struct zip_writer *zip, const cJSON *state,
-                     const cJSON *pin, double metres_per_unit)
+                     const cJSON *pin)
 {
     double sequence = number_of(list_of(pin, "stamp"), "sequence");
     struct relight_room_view view = {.pin = (uint64_t)sequence, .format = RELIGHT_IMAGE_PNG};
@@ -184,7 +195,7 @@ static int add_topic(struct room_call *c, struct zip_writer *zip, const cJSON *s
     snprintf(path, sizeof path, "%s/snapshot.png", topic);
     zip_add(zip, path, image.data, image.n_byte);
     if (open_text(zip, &file)) {
-        put_viewpoint(file.stream, viewpoint, &image.camera, metres_per_unit);
+        put_viewpoint(file.stream, viewpoint, &image.camera, metres_per_unit(c, pin));
         add_text(zip, topic, "viewpoint.bcfv", &file);
     }
     relight_image_finish(&image);
@@ -202,23 +213,12 @@ static int add_topic(struct room_call *c, struct zip_writer *zip, const cJSON *s
     return EXIT_DONE;
 }
 
-static double metres_per_unit(struct room_call *c, const cJSON *state)
-{
-    struct relight_model model;
-    const char *id = text_of(list_of(state, "scene"), "model");
-    if (!*id || relight_info(c->client, id, &model, &c->error)) return 1e-3;
-    double mm = model.mm_per_unit;
-    relight_model_finish(&model);
-    return mm > 0 ? mm * 1e-3 : 1e-3;
-}
-
 int bcf_write(struct room_call *c, const cJSON *state, const char *path)
 {
     struct zip_writer zip = {0};
     struct text_file file;
     const cJSON *pin;
     int status = EXIT_DONE;
-    double scale = metres_per_unit(c, state);
     size_t n;
     static const char version[] =
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
@@ -235,7 +235,7 @@ int bcf_write(struct room_call *c, const cJSON *state, const char *path)
     }
     cJSON_ArrayForEach(pin, list_of(state, "pins"))
     {
-        if (!status) status = add_topic(c, &zip, state, pin, scale);
+        if (!status) status = add_topic(c, &zip, state, pin);
     }
     uint8_t *bytes = zip_finish(&zip, &n);
     if (!status && !bytes) {

@@ -443,9 +443,12 @@ END
 for pin in 2 4 6; do # each has a comment
     expect 0 room show foreign $pin -o foreign.png
 done
-# Their views go out in metres, too.
+# Their views go out in metres, too, also where the room shows a model of another scale by now.
 expect 0 room export foreign -o outward
-python3 - outward/pins.bcf <<'END' || fail "the views of outward/pins.bcf"
+expect 0 room scene foreign --model small
+expect 0 room export foreign -o afterwards
+for file in outward/pins.bcf afterwards/pins.bcf; do
+    python3 - $file <<'END' || fail "the views of $file"
 import sys, xml.etree.ElementTree as tree, zipfile
 with zipfile.ZipFile(sys.argv[1]) as z:
     views = [tree.fromstring(z.read(n)) for n in z.namelist() if n.endswith('.bcfv')]
@@ -456,6 +459,7 @@ for want in ((0.015, -0.02, 0.01), (0.05, -0.1, 0)):
 angles = sorted(float(v.find('.//FieldOfView').text) for v in views)
 assert len(angles) == 5 and min(angles) == 45 and max(angles) == 60 and angles.count(50) == 1 == angles.count(60), angles
 END
+done
 expect 0 room create empty
 expect 2 room import empty foreign.bcf && says 'no model to place pins on'
 head -c 3000 export/pins.bcf >cut.bcf
