@@ -320,7 +320,7 @@ static void set_baked_result(struct render *r)
     }
     if (r->bakes) set_draft_result(r);
     if (r->faded) set_faded_result(r);
-    if (r->bakes ? r->bakes->pose != NULL : render_pose(r) != NULL)
+    if (r->spec.pose || (r->bakes ? r->bakes : r->model)->pose)
         snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
 }
 

@@ -130,6 +130,21 @@ static struct answers ask_all(const char *model)
     return a;
 }
 
+// Colours of a draft under a pose are of the file's shape, and say so.
+static void check_posed(const char *model)
+{
+    const float away[3] = {0, 30, 0};
+    char pose[65];
+    struct relight_colors colors;
+    struct relight_colors_request r = colors_request(model, RELIGHT_TERM_TOTAL);
+    OK(relight_put_pose(client, model, NULL, 2, 1, away, NULL, false, pose, &error));
+    r.pose = pose;
+    OK(relight_colors(client, &r, &colors, &error));
+    assert_true(colors.cost.draft);
+    assert_non_null(strstr(colors.cost.note, "before its vertices moved"));
+    relight_colors_finish(&colors);
+}
+
 static struct answers ask_draft(const char *model)
 {
     struct relight_colors_request r = colors_request(model, RELIGHT_TERM_TOTAL);
@@ -141,6 +156,7 @@ static struct answers ask_draft(const char *model)
     assert_string_equal(m.engine, "wavelet");
     assert_true(fabs(m.error_bound - (double)a.bound_multiple) < 1e-6);
     relight_model_finish(&m);
+    check_posed(model);
     r.shade = (struct relight_shade){.max_error = a.bound_total / 2};
     expect(ask_colors(client, &r, out, NULL, &error), RELIGHT_E_OUT_OF_RANGE, &error, "draft");
     return a;
