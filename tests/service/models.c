@@ -491,9 +491,10 @@ static void *load_big(void *arg)
     struct relight_error error;
     struct relight_loaded loaded;
     struct relight_load load = {.path = arg, .material = "marble", .preview = true};
-    if (!relight_load(client, &load, &loaded, &error)) relight_loaded_finish(&loaded);
+    int status = relight_load(client, &load, &loaded, &error);
+    if (!status) relight_loaded_finish(&loaded);
     relight_close(client);
-    return NULL;
+    return (void *)(intptr_t)status;
 }
 
 static unsigned log_count(const char *word)
@@ -514,7 +515,8 @@ static void sparse_file(const char *name, off_t bytes)
     close(fd);
 }
 
-// Requests for one file share one copying; without any that wait it ends.
+// Requests for one file share one copying, and each is answered as one that comes alone;
+// without any that wait it ends.
 static void test_copying_is_shared_and_ends(void **state)
 {
     enum { N = 6 };
@@ -525,14 +527,17 @@ static void test_copying_is_shared_and_ends(void **state)
     daemon_start(&d, NULL);
     for (int i = 0; i < N; i++)
         assert_int_equal(pthread_create(&thread[i], NULL, load_big, "big.glb"), 0);
-    for (int i = 0; i < N; i++) pthread_join(thread[i], NULL);
+    void *status[N];
+    for (int i = 0; i < N; i++) pthread_join(thread[i], &status[i]);
+    void *alone = load_big("big.glb");
+    for (int i = 0; i < N; i++) assert_ptr_equal(status[i], alone);
     assert_int_equal(log_count("import path=big.glb"), 1);
     pid_t pid = fork();
     if (!pid) {
         load_big("huge.glb");
         _exit(0);
     }
-    assert_true(log_says(&d, "conn=7", 5000));
+    assert_true(log_says(&d, "conn=8", 5000));
     sleep_ms(100);
     kill(pid, SIGKILL);
     waitpid(pid, NULL, 0);
@@ -976,6 +981,46 @@ static void test_share_of_a_principal(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// The octahedron in a file of --models of so many bytes, loaded by its path.
+static int load_large_file(struct relight_client *client, const char *name, size_t bytes,
+                           struct relight_error *error)
+{
+    struct relight_load load = {
+        .path = name, .size_mm = 10, .material = "marble", .preview = true};
+    struct relight_loaded loaded;
+    char path[200], *text = malloc(bytes + 1);
+    assert_non_null(text);
+    memset(text, name[0], bytes); // of other bytes than another name's
+    text[bytes] = 0;
+    snprintf(text, bytes, "%s#", octahedron);
+    text[strlen(text)] = '#';
+    in_models(name, path);
+    write_text(path, text);
+    free(text);
+    int status = relight_load(client, &load, &loaded, error);
+    if (!status) relight_loaded_finish(&loaded);
+    return status;
+}
+
+// A copy of a file of --models counts to the client that loaded it: two that each keep within
+// their limits have more than one client's together.
+static void test_copies_count_to_who_loads(void **state)
+{
+    static const char *const extra[] = {"--client-disk", "60k", NULL};
+    struct relight_error error;
+    unsigned n;
+    daemon_start(&d, extra);
+    struct relight_client *local = client_open(d.address), *remote = open_tcp();
+    OK(load_large_file(local, "ours.obj", 40 << 10, &error));
+    OK(load_large_file(remote, "theirs.obj", 40 << 10, &error));
+    assert_true(bytes_in("imports", "", &n) >= 80 << 10);
+    expect(load_large_file(local, "more.obj", 64 << 10, &error), RELIGHT_E_LIMIT, &error,
+           "client-disk");
+    relight_close(local);
+    relight_close(remote);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // The one who holds more than its share gives way, though what the other has is older.
 static void test_greedy_gives_way(void **state)
 {
@@ -1248,6 +1293,7 @@ int main(void)
         TEST(test_previews_leave_room),
         TEST(test_disk_without_limit),
         TEST(test_share_of_a_principal),
+        TEST(test_copies_count_to_who_loads),
         TEST(test_greedy_gives_way),
         TEST(test_share_of_models),
         TEST(test_own_preview_goes),
