@@ -251,7 +251,14 @@ class Client:
 
     def models(self) -> List[Model]:
         """The models that the daemon holds for this client."""
-        return [_model(m) for m in self._call("LIST", message("ListRequest")).message.models]
+        found: List[Model] = []
+        after = 0
+        while True:  # an answer has 256 models at most
+            said = self._call("LIST", message("ListRequest", after=after)).message
+            found.extend(_model(m) for m in said.models)
+            after = said.next
+            if not after:
+                return found
 
     def files(self) -> List[str]:
         """Paths of the daemon's models folder, for load(path=...)."""
