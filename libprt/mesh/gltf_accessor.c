@@ -46,8 +46,6 @@ int prt_gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor 
     if (a.view >= 0 && (uint64_t)a.view >= g->file.n_view)
         return prt_gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", i,
                             (long long)a.view, g->file.n_view);
-    if (a.view < 0 && !a.sparse)
-        return prt_gltf_bad(g, "accessor %zu: has neither a bufferView nor sparse values", i);
     *out = a;
     return PRT_OK;
 }

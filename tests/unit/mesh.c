@@ -298,6 +298,21 @@ static void sparse_and_normalised(void **state)
     assert_non_null(strstr(lines, "sparse index 3 of 3"));
 }
 
+// glTF: an accessor without a bufferView and without sparse values is 0 everywhere.
+static void accessors_without_a_view_are_zero(void **state)
+{
+    const float p[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    static const char rest[] =
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],\"accessors\":[{\"bufferView\":0,"
+        "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"componentType\":5126,"
+        "\"count\":3,\"type\":\"VEC2\"}],\"meshes\":[{\"primitives\":[{\"attributes\":{"
+        "\"POSITION\":0,\"TEXCOORD_0\":1}}]}],\"nodes\":[{\"mesh\":0}]";
+    struct prt_mesh *m = must_load(gltf(p, sizeof p, rest));
+    assert_non_null(m->uv);
+    for (int k = 0; k < 6; k++) assert_float_equal(m->uv[k / 2][k % 2], 0, 0);
+    prt_mesh_destroy(m);
+}
+
 // glTF: a signed byte c stands for max(c / 127, -1), a byte for c / 255.
 static void bytes_are_normalised(void **state)
 {
@@ -980,6 +995,7 @@ int main(void)
         cmocka_unit_test(mirrored_normals_point_out),
         cmocka_unit_test(modes_give_triangles),
         cmocka_unit_test(sparse_and_normalised),
+        cmocka_unit_test(accessors_without_a_view_are_zero),
         cmocka_unit_test(bytes_are_normalised),
         cmocka_unit_test(materials_decide),
         cmocka_unit_test(variants_have_names_of_their_own),
