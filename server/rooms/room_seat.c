@@ -289,7 +289,8 @@ void seats_check(struct room *room)
             s = room->seats; // the refusal may close the connection, and end other seats
             continue;
         }
-        if (role != s->role) {
+        bool moves = s->me->hand || s->me->n_hand_parts || s->me->leads;
+        if (role != s->role || (moves && !may_move(s))) { // a closed room lets go of hands
             s->role = role;
             set_me(s, s->me);
         }

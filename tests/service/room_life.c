@@ -282,6 +282,18 @@ static void a_hand_is_seen(void **unused)
     Relight__RoomState *s = room_state(ann, room, NULL, NULL);
     assert_int_equal(s->sequence, 1);
     free_state(s);
+    for (int open = 0; open < 2; open++) { // a room that is closed lets go of it
+        Relight__RoomClose close = RELIGHT__ROOM_CLOSE__INIT;
+        Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+        char text[512];
+        close.closed = !open;
+        action.close = &close;
+        assert_int_equal(room_edit_now(bob, room, &action, NULL, text), 0);
+        if (open) break;
+        who = next_hand(ann, 10, &p);
+        assert_true(!who->hand && !who->n_hand_parts && !who->leads);
+        relight__presence__free_unpacked(p, NULL);
+    }
     assert_int_equal(invite(ann, room, RELIGHT__ROOM_ROLE__ROLE_VIEWER, 0, secret, &at), 0);
     frames_close(bob);
     bob = frames_token(&d, secret, NULL);
