@@ -216,6 +216,18 @@ static int fill_rows(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+// The least y of all objects: a translucent one may stand on an opaque one.
+static float lowest(const struct prt_mesh *mesh)
+{
+    float y = INFINITY;
+    for (uint32_t i = 0; i < mesh->n_block; i++) {
+        const struct prt_block *b = &mesh->block[i];
+        for (uint32_t v = b->vertex_begin; v < b->vertex_begin + b->n_vertex; v++)
+            y = fminf(y, mesh->position[v][1]);
+    }
+    return y;
+}
+
 static void place(struct floor *f, const struct prt_mesh *mesh)
 {
     float box[2][3];
@@ -224,7 +236,7 @@ static void place(struct floor *f, const struct prt_mesh *mesh)
     for (int i = 0; i < 3; i++) diagonal += (box[1][i] - box[0][i]) * (box[1][i] - box[0][i]);
     f->radius = REACH * sqrtf(diagonal) / 2 + 1e-6f;
     f->epsilon = prt_scene_epsilon(f->scene);
-    f->y = box[0][1] - f->epsilon;
+    f->y = lowest(mesh) - f->epsilon;
     f->x = (box[0][0] + box[1][0]) / 2;
     f->z = (box[0][2] + box[1][2]) / 2;
     prt_visibility_camera(f->visibility, NULL, &f->width, &f->height, NULL);

@@ -48,12 +48,9 @@ void prt_map_lookup(const struct prt_screen_map *map, const float uv[2], float r
 
 static void uv_at(const struct prt_mesh *mesh, uint32_t triangle, float a, float b, float uv[2])
 {
-    const float w[3] = {1 - a - b, a, b};
-    for (int k = 0; k < 2; k++) {
-        uv[k] = 0;
-        for (int j = 0; j < 3; j++) uv[k] += w[j] * mesh->uv[mesh->triangle[triangle][j]][k];
+    prt_mesh_uv(mesh, triangle, 0, a, b, uv);
+    for (int k = 0; k < 2; k++)
         if (!isfinite(uv[k])) uv[k] = 0;
-    }
 }
 
 // The map of a block's surface; NULL: none.
@@ -81,9 +78,10 @@ void prt_map_point_factor(const struct frame *f, uint32_t i, float factor[6])
 static bool uv_frame(const struct prt_mesh *m, uint32_t triangle, float du[3], float dv[3])
 {
     const uint32_t *c = m->triangle[triangle];
-    float s[2][2], e[2][3];
+    float s[2][2], e[2][3], uv[3][2];
+    prt_mesh_corner_uv(m, triangle, 0, uv);
     for (int j = 0; j < 2; j++) {
-        for (int k = 0; k < 2; k++) s[j][k] = m->uv[c[j + 1]][k] - m->uv[c[0]][k];
+        for (int k = 0; k < 2; k++) s[j][k] = uv[j + 1][k] - uv[0][k];
         for (int k = 0; k < 3; k++) e[j][k] = m->position[c[j + 1]][k] - m->position[c[0]][k];
     }
     float det = s[0][0] * s[1][1] - s[0][1] * s[1][0];

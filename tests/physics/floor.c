@@ -137,6 +137,46 @@ static void far_floor_is_lit(void **state)
     visibility = near;
 }
 
+// Law: a body shadows the floor in the same way whether it is opaque or translucent: the plane
+// is through the lowest point of all, here of an opaque ball under a translucent one.
+static void floor_under_an_opaque_foot(void **state)
+{
+    const struct prt_camera camera = {
+        .eye = {0, 60, 55}, .target = {0, 2, 0}, .up = {0, 1, 0}, .fovy_deg = 50};
+    struct prt_visibility *const one = visibility;
+    struct prt_mesh *mesh;
+    struct model m;
+    float *left[2];
+    double worst = 0;
+    int n = 0;
+    model_init(&m, 2 * 49 * 25, 2 * 48 * 48);
+    add_sphere(&m, (float[]){0, 3 * (float)R, 0}, (float)R, 24);
+    const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
+    add_sphere(&m, (float[]){0, (float)R, 0}, (float)R, 24);
+    assert_non_null(mesh = body_mesh(&context, &m, false));
+    assert_int_equal(prt_visibility_create(&context, mesh, &camera,
+                                           &(struct prt_raster){W, H, 4, PRT_RASTER_AUTO},
+                                           &visibility),
+                     PRT_OK);
+    for (int k = 0; k < 2; k++) {
+        if (k) split_opaque(mesh, n_vertex, n_triangle, (float[]){0.5f, 0.5f, 0.5f});
+        assert_int_equal(prt_floor_shadow(&context, mesh, visibility, &light, &left[k]),
+                         PRT_OK);
+    }
+    for (int i = 0; i < W * H; i++) {
+        if (covered(i % W, i / W) > 0 || distance_at(i % W, i / W) > 2.5 * R) continue;
+        for (int c = 0; c < 3; c++) // both fade further away
+            worst = fmax(worst, fabs((double)(left[0][3 * i + c] - left[1][3 * i + c])));
+        n++;
+    }
+    assert_true(n > 100);
+    expect_below("shadow of an opaque foot against a translucent one", worst, 0.02);
+    for (int k = 0; k < 2; k++) prt_free(left[k]);
+    prt_visibility_destroy(visibility);
+    prt_mesh_destroy(mesh);
+    visibility = one;
+}
+
 static struct prt_image shade(bool transparent, const float *shadow)
 {
     struct prt_image image;
@@ -280,6 +320,7 @@ static void reflections_of_hidden_sky(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(floor_under_an_opaque_foot), // under the even light
         cmocka_unit_test(shadow_of_a_ball),
         cmocka_unit_test(far_floor_is_lit),
         cmocka_unit_test(composition),

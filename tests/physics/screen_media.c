@@ -169,6 +169,33 @@ static void maps_tip_the_normal(void **state)
     sheet_end(&t);
 }
 
+// Law: a map is read at the uv of a triangle's corners, which at the seams of an OBJ are not
+// those of its vertices.
+static void maps_at_seams(void **state)
+{
+    struct sheet t;
+    struct prt_screen_map half = half_map(), heights = ramp_map();
+    const struct prt_screen_light slant = {{0.6f, 0, 0.8f}, {2, 2, 2}, false};
+    sheet_begin(&t);
+    struct prt_mesh *mesh = &t.model.mesh;
+    t.options.sigma_a_map = &half;
+    t.options.bump_map = &heights;
+    pixels want = render(&t.s, &t.m, NULL, &slant, t.options, NULL);
+    mesh->corner_uv = calloc(mesh->n_triangle, sizeof *mesh->corner_uv);
+    for (uint32_t i = 0; i < 3 * mesh->n_triangle; i++)
+        memcpy(mesh->corner_uv[i / 3][i % 3], mesh->uv[mesh->triangle[i / 3][i % 3]],
+               sizeof *mesh->uv);
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) mesh->uv[v][0] = (float)(v % 7) / 7;
+    pixels b = render(&t.s, &t.m, NULL, &slant, t.options, NULL);
+    expect_below("maps by corners against maps by vertices", relative(b, want, t.s.g.n_point),
+                 1e-6);
+    free(b);
+    free(want);
+    free(mesh->corner_uv);
+    mesh->corner_uv = NULL;
+    sheet_end(&t);
+}
+
 // Contract of prt_screen_radiance: maps that are none, and maps without uv, are refused.
 static void wrong_maps_are_refused(void **state)
 {
@@ -345,6 +372,7 @@ int main(void)
         cmocka_unit_test(half_a_map_darkens_its_half),
         cmocka_unit_test(a_tint_is_its_share_of_the_light),
         cmocka_unit_test(maps_tip_the_normal),
+        cmocka_unit_test(maps_at_seams),
         cmocka_unit_test(wrong_maps_are_refused),
         cmocka_unit_test(every_engine_takes_maps),
         cmocka_unit_test(engines_use_the_profile_of_the_material),
