@@ -491,7 +491,7 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
     if (!status) a.transport = prt_contracted_transport_get(fixed);
     if (!status)
         status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);
-    for (size_t i = 0; i < n && free_planes; i++) {
+    for (size_t i = 0; i < n && !status && free_planes; i++) {
         off += pow((double)(a.planes[i] - free_planes[i]), 2);
         all += pow((double)free_planes[i], 2);
     }
