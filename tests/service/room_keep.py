@@ -129,6 +129,7 @@ def check():
     kept = write_light('kept.hdr', 1)
     spare = [write_light('spare%d.hdr' % i, 1 + i) for i in (1, 2)]
     more = [write_light('more%d.hdr' % i, 5 + i) for i in range(4)]
+    tiny = write_light('tiny.hdr', 9, 128, 64)
     first, used = set_up()
     expect(len(bakes()) == 2, 'bakes: %s' % bakes())
     age(kept, 3)
@@ -138,13 +139,15 @@ def check():
     forget_what_rooms_need()
     with daemon(*small):
         upload('more0.hdr')
-        expect(len(bakes()) == 1, 'the bake that no room needs stays')
         upload('more1.hdr')
-        expect(os.path.exists(blob(kept)), 'the light of the pin went')
         expect(not all(os.path.exists(blob(one)) for one in spare), 'no upload went: %s' % read('log').decode())
+        expect(len(bakes()) == 2, 'a bake went before an upload that nobody uses')
+        upload('tiny.hdr')
+        expect(len(bakes()) == 1, 'the bake that no room needs stays')
+        expect(os.path.exists(blob(kept)), 'the light of the pin went')
         expect(pin('second.png') == first, 'other bytes after others made room')
     age(kept, 3)
-    for one in spare + more[:2]:
+    for one in spare + more[:2] + [tiny]:
         if os.path.exists(blob(one)):
             age(one, 2)
     tight = ['--data', 'data', '--disk', str(os.path.getsize(blob(kept)) + 8 * BLOCK)]
