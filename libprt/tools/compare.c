@@ -225,6 +225,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
         exit_status = usage_error(o, "%s is not a .prt", o->input[0]);
         goto done;
     }
+    if ((exit_status = check_own_light(tool, &source))) goto done;
     int status = tool_env_load(tool, o->env, &env);
     exit_status = tool_exit(tool, status);
     if (!exit_status)

@@ -154,23 +154,27 @@ static double setting(const cJSON *settings, const char *name)
     return cJSON_IsNumber(item) ? item->valuedouble : 0;
 }
 
-// A polynomial bake has one light: the reference must use the same.
-static int check_own_light(struct table *t, const cJSON *settings)
+int check_own_light(const struct tool *tool, const struct source *of)
 {
-    const struct options *o = &t->tool->opt;
-    if (t->source.transport->engine != PRT_TRANSPORT_POLYNOMIAL) return EXIT_DONE;
+    const struct options *o = &tool->opt;
+    int status = EXIT_DONE;
+    if (of->transport->engine != PRT_TRANSPORT_POLYNOMIAL) return EXIT_DONE;
+    cJSON *settings = cJSON_Parse(of->transport->settings);
     const cJSON *source = cJSON_GetObjectItemCaseSensitive(settings, "source");
     const cJSON *env = cJSON_GetObjectItemCaseSensitive(source, "env");
     const char *slash = strrchr(o->env, '/'), *given = slash ? slash + 1 : o->env;
-    if (o->n_env > 1 || (cJSON_IsString(env) && strcmp(env->valuestring, given)))
-        return usage_error(o, "%s was baked under %s: give that one light as --env",
-                           t->source.path, cJSON_IsString(env) ? env->valuestring : "its own");
     const double turn = setting(source, "rotate_deg");
-    if (fabs(turn - (double)o->rotate_deg) > 1e-4)
-        return usage_error(o,
-                           "%s was baked under a light turned by %g degrees: give --rotate %g",
-                           t->source.path, turn, turn);
-    return EXIT_DONE;
+    // relightd bakes from a copy, whose name says nothing
+    const bool named = cJSON_IsString(env) && strcmp(env->valuestring, ".environment");
+    if (o->n_env > 1 || (named && strcmp(env->valuestring, given)))
+        status = usage_error(o, "%s was baked under %s: give that one light as --env", of->path,
+                             named ? env->valuestring : "one light");
+    else if (fabs(turn - (double)o->rotate_deg) > 1e-4)
+        status =
+            usage_error(o, "%s was baked under a light turned by %g degrees: give --rotate %g",
+                        of->path, turn, turn);
+    cJSON_Delete(settings);
+    return status;
 }
 
 static int load_lights(struct table *t)
@@ -301,7 +305,7 @@ static bool worst_of(const struct table *t, double *worst)
 }
 
 // "within" needs --max-rmse.
-static void print_json(const struct table *t, double worst)
+static void print_json(const struct table *t, double worst, bool any)
 {
     const struct options *o = &t->tool->opt;
     char key[256];
@@ -324,10 +328,11 @@ static void print_json(const struct table *t, double worst)
         }
         cJSON_AddItemToArray(rows, row);
     }
-    cJSON_AddNumberToObject(root, "worst", worst);
+    if (any) cJSON_AddNumberToObject(root, "worst", worst);
+    else cJSON_AddNullToObject(root, "worst");
     if (o->max_rmse_set) {
         cJSON_AddNumberToObject(root, "target", o->max_rmse);
-        cJSON_AddBoolToObject(root, "within", worst <= o->max_rmse);
+        cJSON_AddBoolToObject(root, "within", any && worst <= o->max_rmse);
     }
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
@@ -373,8 +378,8 @@ static int prepare(struct table *t)
     if (!t->source.transport) return usage_error(o, "%s is not a .prt", o->input[0]);
     cJSON *settings = cJSON_Parse(t->source.transport->settings);
     t->spacing_mm = setting(settings, "spacing_mm");
-    status = check_own_light(t, settings);
     cJSON_Delete(settings);
+    status = check_own_light(t->tool, &t->source);
     if (!status) status = choose_media(t);
     if (!status) status = load_lights(t);
     uint64_t want = o->vertices ? o->vertices : 512;
@@ -416,8 +421,15 @@ static int measure(struct table *t)
     if (status) return tool_exit(t->tool, status);
     double worst;
     bool any = worst_of(t, &worst);
-    if (o->json) print_json(t, worst);
+    if (o->json) print_json(t, worst, any);
     else print_text(t, worst, any);
+    if (o->max_rmse_set && !any) {
+        prt_log(&t->tool->ctx, PRT_LOG_ERROR,
+                "no medium's mean free path reaches the bake's sample spacing (%.3g mm): "
+                "--max-rmse has none to judge",
+                t->spacing_mm);
+        return EXIT_FAILED;
+    }
     if (!o->max_rmse_set || worst <= o->max_rmse) return EXIT_DONE;
     prt_log(&t->tool->ctx, PRT_LOG_ERROR, "relative RMSE %.6g is above --max-rmse %g", worst,
             o->max_rmse);

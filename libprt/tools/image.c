@@ -249,6 +249,8 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
 
 static int difference_planes(struct tool *tool, struct picture *p, bool baked)
 {
+    const int status = baked ? check_own_light(tool, &p->source) : EXIT_DONE;
+    if (status) return status;
     p->n_plane = 1;
     p->planes = prt_alloc(p->source.mesh->n_vertex, 3 * sizeof(float));
     if (!p->planes) return no_memory(tool);

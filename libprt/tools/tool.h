@@ -184,6 +184,9 @@ uint32_t *seen_vertices(const struct tool *tool, const struct prt_mesh *mesh,
                         const float eye[3], uint32_t *n);
 /* prt compare A.prt reference with --materials or several --env: media x lights. */
 int compare_table(struct tool *tool);
+/* A polynomial .prt answers for one light: refuses another --env or --rotate, for which the
+ * reference engine would answer. EXIT_DONE for other transports. */
+int check_own_light(const struct tool *tool, const struct source *of);
 
 int run_bake(struct tool *tool);
 int run_colors(struct tool *tool);

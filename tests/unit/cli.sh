@@ -277,6 +277,10 @@ check grep -Eq '^worst [0-9.]+ %$' out
 expect 1 'above --max-rmse' "$prt" compare joint.prt reference --env constant --materials range --term multiple \
     --samples 4000 --vertices 10 --max-rmse 1e-9 --json
 check grep -q '"media":\[{"material":"' out
+# Where the samples resolve no medium's mean free path, nothing is judged, and --max-rmse is not met.
+expect 1 'has none to judge' "$prt" compare joint.prt reference --env constant --term multiple --samples 4000 --vertices 10 \
+    --materials '{"sigma_s_prime":[20,20,20],"sigma_a":[0.1,0.1,0.1]}' --max-rmse 1 --json
+check grep -q '"worst":null,"target":1,"within":false' out
 # --cube is the resolution at which the reference sees a light, here a small sun.
 awk 'BEGIN { printf "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n"
     for (i = 0; i < 512; i++) printf i == 140 ? "\177\177\177\207" : "\3\3\3\170" }' >sun.hdr
@@ -324,7 +328,10 @@ check grep -q '"kind":"polynomial","of":"R_d","functions":32' out
 check grep -q '"kind":"polynomial","of":"e^(-sigma_t r)","functions":16' out
 expect 0 '' "$prt" compare x07.prt reference --materials skin1 --env constant:1,1,2 --term multiple \
     --samples 4000 --vertices 20 --max-rmse 0.1
-expect 2 'was baked under' "$prt" compare poly.prt reference --materials skin1 --env constant:3 --term multiple
+for materials in '' '--materials skin1'; do
+    # shellcheck disable=SC2086
+    expect 2 'was baked under constant:1,1,2' "$prt" compare poly.prt reference $materials --env constant:3 --term multiple
+done
 expect 0 '' "$prt" bake ball.obj --size-mm 20 $bake --transport polynomial --env constant:1,1,2 --rotate 40 -o turned.prt
 expect 0 '' "$prt" info turned.prt --json
 check grep -q '"rotate_deg":40' out

@@ -105,4 +105,16 @@ def a_free_medium_is_the_one_asked_for():
     numbers(told, colors('--engine', 'reference', '--scattering', 'dipole', body=body), colors(body=body))
 
 
-programs.main(thin_milk_is_red, a_free_medium_is_the_one_asked_for)
+def of_one_light():
+    """A polynomial bake's walks are of its own light, and so must the dipole's be."""
+    disc('disc.obj', 0.3)
+    prt('bake', 'disc.obj', '--size-mm', '10', '--transport', 'polynomial', '--scattering', 'walk', '--walks', '16',
+        '--samples', '500', '--cube', '16', '--no-single', '--env', 'constant:1,1,2', '-q', '-o', 'one.prt')
+    said = ''
+    for light, status in (('constant:1,1,2', 0), ('constant:3,3,3', 2)):
+        said = prt('image', 'one.prt', '--env', light, '--term', 'difference', '--size', '48x48', '--samples', '1000',
+                   '-o', 'd.png', status=status).said
+    expect('was baked under constant:1,1,2' in said, said)
+
+
+programs.main(thin_milk_is_red, a_free_medium_is_the_one_asked_for, of_one_light)
