@@ -365,7 +365,7 @@ static void test_priorities(void **state)
 }
 
 // States that a view is given, 30 ms apart, until a frame is reduced. One is reduced after a
-// whole one was drawn, which takes the thread sanitizer a minute on a loaded machine.
+// whole one was drawn, which may take longer than 18 s under the thread sanitizer.
 enum { STATES = INSTRUMENTED ? 6000 : 600 };
 
 // Turning a large picture's light faster than it can be drawn: some frame has half the width,
