@@ -21,7 +21,8 @@ bool upload_receive_chunked(struct exchange *x, const char *bytes, size_t n);
 void upload_answered(struct exchange *x, const Relight__PutBlobAnswer *answer);
 /* Reads from the socket, or not. */
 void upload_pace(struct exchange *x);
-/* Drops the store's part of an unfinished body, which nobody has a name for: x->conn ends. */
+/* Before x->conn ends: removes the unfinished upload from the store. No client knows its name.
+ */
 void upload_forget(struct exchange *x);
 /* Drops what there is of an unfinished body, here and in the store. */
 void upload_end(struct exchange *x);

@@ -459,7 +459,7 @@ static void test_owners(void **state)
     OK(relight_unload(admin, loaded.model, true, NULL, &error));
     assert_true(log_says(&d, "audit act=unload who=uid:", 1000));
     relight_loaded_finish(&loaded);
-    // A bake belongs to the one who ordered it, whoever has made the model.
+    // A bake belongs to the client that ordered it, whoever loaded the model first.
     struct relight_load bake = small_bake(4, 2000000), preview = bake;
     preview.preview = true;
     OK(load_octahedron(anna, &d, "shared.obj", &preview, &loaded, &error));

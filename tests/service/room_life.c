@@ -992,7 +992,8 @@ static uint64_t seat_key(struct frames *f, const char *room)
     return key;
 }
 
-// Who followed somebody before a restart follows nobody else after it.
+// After a restart participants have new keys, so that a client follows nobody else by an old
+// one.
 static void a_restart_gives_other_participants(void **unused)
 {
     begin(NULL);

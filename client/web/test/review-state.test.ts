@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The list of pins: what is new in it, and the way through it by keys.
+// The list of pins: which pins are marked as new, and the keys that open the next one.
 import { create } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import "./fake-browser";

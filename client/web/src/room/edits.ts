@@ -47,8 +47,8 @@ export function edit(action: ActionInit): Promise<RoomEditAnswer> {
   });
 }
 
-// What others changed since then is a conflict, what this page changed is none: parts that differ in
-// that are sent one after the other, each with what it has seen.
+// A change names the last event that it has seen; only later changes by others are a conflict. Where
+// this page's own changes make that event differ between the parts, they are sent as several changes.
 function divide(first: Edit): void {
   const { scene } = first.action;
   if (!scene?.since) return;

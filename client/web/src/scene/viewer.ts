@@ -140,8 +140,8 @@ export class Viewer {
     this.pictureCanvas = host.pictureCanvas;
     this.stage = stage;
     this.noWebGL = stage === null;
-    // A browser takes the GPU from a page behind others, a phone often: what it computed there is gone,
-    // and comes with a new frame.
+    // A browser, on phones often, takes the WebGL context from a page in the background. What the page
+    // computed on the GPU is lost then; a new frame brings it back.
     this.canvas.addEventListener("webglcontextrestored", () => this.changed(), {
       signal: this.over.signal,
     });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The models of the daemon, with pictures, and the way to bring another.
-import { useSignal } from "@preact/signals";
+import { useSignal, type Signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { ModelState, type ModelInfo } from "../gen/relight_pb";
 import { modelPicture } from "../scene/thumbnails";
@@ -129,6 +129,19 @@ export function Models({ close }: { close: () => void }) {
   );
 }
 
+function Check(props: { on: Signal<boolean>; title: string; children: string }) {
+  return (
+    <label title={props.title}>
+      <input
+        type="checkbox"
+        checked={props.on.value}
+        onChange={(event) => (props.on.value = event.currentTarget.checked)}
+      />
+      {props.children}
+    </label>
+  );
+}
+
 /** Size, axes and medium that the next model is baked with. */
 export function UploadSettings() {
   return (
@@ -161,22 +174,12 @@ export function UploadSettings() {
           ))}
         </select>
       </label>
-      <label title="As scans and STL files often need">
-        <input
-          type="checkbox"
-          checked={uploadUpZ.value}
-          onChange={(event) => (uploadUpZ.value = event.currentTarget.checked)}
-        />
+      <Check on={uploadUpZ} title="As scans and STL files often need">
         Its z axis points up
-      </label>
-      <label title="As a face on the neck needs">
-        <input
-          type="checkbox"
-          checked={uploadFlipV.value}
-          onChange={(event) => (uploadFlipV.value = event.currentTarget.checked)}
-        />
+      </Check>
+      <Check on={uploadFlipV} title="As a face on the neck needs">
         Its textures lie upside down
-      </label>
+      </Check>
     </div>
   );
 }

@@ -169,7 +169,7 @@ export function commit(): void {
   if (roomId.value) keepAddress();
   else history.pushState(MADE, "", `#${toFragment(now)}`);
 }
-/** The address of what is shown now, also while the turntable turns. */
+/** The address of the current scene. Writes it first: while the turntable turns it is out of date. */
 export function linkNow(): string {
   commit();
   return location.href;
@@ -409,7 +409,7 @@ async function takeAll(files: readonly File[]): Promise<void> {
     }
   }
 }
-// What is sent again goes on where it was: the daemon keeps what has come.
+// After a lost connection the upload resumes: the daemon keeps the bytes that it received.
 async function takeFile(file: File): Promise<void> {
   uploading.value = { name: file.name, share: 0, cancelled: false };
   const bytes = new Uint8Array(await file.arrayBuffer());
