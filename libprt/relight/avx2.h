@@ -38,6 +38,7 @@ PRT_INLINE __m256 halves(const uint16_t *p, uint32_t n, bool before)
 }
 PRT_ISA_END
 
+void prt_columns_avx2(const struct column_part *part, size_t n, size_t stride, float *sum);
 void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                     const float *light, float *out);
 void prt_integer_lights_fill_avx2(const struct integer_lights *q, unsigned n_light,

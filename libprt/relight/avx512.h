@@ -7,6 +7,7 @@
 #include "kernels.h"
 
 #if PRT_ISA_X86
+void prt_columns_avx512(const struct column_part *part, size_t n, size_t stride, float *sum);
 void prt_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                       const float *light, float *out);
 void prt_expand_avx512(const struct expand_job *job);

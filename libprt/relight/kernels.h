@@ -70,6 +70,17 @@ struct integer_lights {
     float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, not rounded
 };
 
+// Units of one column (prt/columns.h) and the coefficients of the lights under which it
+// matters, times its gain; the light that takes most units is first.
+struct column_part {
+    const uint16_t *unit;
+    const int16_t *entry;
+    unsigned n_light;
+    uint32_t n[LIGHT_GROUP];  // units
+    uint32_t at[LIGHT_GROUP]; // of the light's sums in a chunk
+    float x[LIGHT_GROUP][3];
+};
+
 struct prt_kernels {
     const char *name;
     bool integers; // expand computes in 16-bit integers
@@ -93,6 +104,8 @@ struct prt_kernels {
     void (*pairs_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const struct integer_lights *lights, unsigned n_light,
                         size_t light_pitch, size_t row_pitch, float *out);
+    // Adds units to the sums of their group's chunks, `stride` floats each, [light][16].
+    void (*columns)(const struct column_part *part, size_t n, size_t stride, float *sum);
     // FULL rows under one light, of halves and low-rank: out[row - begin][J][3].
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
@@ -129,6 +142,8 @@ extern const struct prt_kernels prt_kernels_vnni; // AVX-512 with integer kernel
 #if PRT_ISA_ARM64
 extern const struct prt_kernels prt_kernels_neon;
 #endif
+
+void prt_columns_c(const struct column_part *part, size_t n, size_t stride, float *sum);
 
 // Calls visit for every table whose instruction set the mask of enum prt_cpu allows, best
 // first; the last one is prt_kernels_c. Stops when visit returns false.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The kernels in plain C: the reference that the other variants are held against.
 #include "kernels.h"
+#include "prt/columns.h"
 
 #include <string.h>
 
@@ -159,9 +160,26 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
         }
 }
 
+void prt_columns_c(const struct column_part *part, size_t n, size_t stride, float *sum)
+{
+    for (const struct column_part *end = part + n; part < end; part++)
+        for (unsigned l = 0; l < part->n_light; l++) {
+            const int16_t *entry = part->entry;
+            for (uint32_t k = 0; k < part->n[l]; k++) {
+                float *to = sum + (part->unit[k] >> 5) * stride + part->at[l];
+                for (uint32_t r = 0; r < PRT_COLUMN_ROWS; r++, to += 3) {
+                    if (!(part->unit[k] >> r & 1)) continue;
+                    for (int ch = 0; ch < 3; ch++) to[ch] += (float)entry[ch] * part->x[l][ch];
+                    entry += 3;
+                }
+            }
+        }
+}
+
 const struct prt_kernels prt_kernels_c = {.name = "c",
                                           .diagonal = diagonal,
                                           .diagonal_group = diagonal_group,
+                                          .columns = prt_columns_c,
                                           .full = full,
                                           .mixed = mixed,
                                           .expand = expand,

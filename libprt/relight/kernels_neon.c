@@ -453,6 +453,7 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
 const struct prt_kernels prt_kernels_neon = {.name = "neon",
                                              .diagonal = diagonal,
                                              .diagonal_group = diagonal_group,
+                                             .columns = prt_columns_c,
                                              .full = full,
                                              .mixed = mixed,
                                              .expand = expand,

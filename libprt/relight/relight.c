@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Contractions of whole tensors: divides the work into pieces and runs the kernels on them.
+#include "contract_columns.h"
 #include "kernels.h"
 
 #include <stdlib.h>
@@ -244,6 +245,32 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
     return status;
 }
 
+static int by_rows(const struct prt_context *ctx, unsigned n_light,
+                   const struct prt_light *const light[], struct rows_job *job)
+{
+    const struct prt_tensor *t = job->tensor;
+    return job->most_rank
+               ? for_groups(ctx, t, n_light, light, t->n_cluster, 1, run_clusters, job)
+               : for_groups(ctx, t, n_light, light, t->rows.n_row, ROW_GRAIN, run_rows, job);
+}
+
+// By columns, and by rows the lights under which too many columns matter.
+static int by_columns(const struct prt_context *ctx, unsigned n_light,
+                      const struct prt_light *const light[], struct rows_job *job)
+{
+    bool taken[PRT_RELIGHT_MAX_LIGHTS];
+    float *out = job->out;
+    int status = prt_contract_columns(ctx, job->tensor, n_light, light, job->light_pitch,
+                                      job->row_pitch, out, taken);
+    for (unsigned l = 0, n; l < n_light && !status; l += n) {
+        for (n = 0; l + n < n_light && !taken[l + n];) n++;
+        job->out = out + l * job->light_pitch;
+        if (n) status = by_rows(ctx, n, light + l, job);
+        else n = 1;
+    }
+    return status;
+}
+
 // out[light][row][..], or out[row][light][..] when `together`. most_rank: 0: all rows; others
 // than the first most_rank of a cluster are left as they are.
 static int contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
@@ -264,10 +291,9 @@ static int contract(const struct prt_context *ctx, const struct prt_tensor *tens
                            .row_pitch = together ? n_light * width : width,
                            .together = together,
                            .most_rank = most_rank};
-    if (most_rank)
-        return for_groups(ctx, tensor, n_light, light, tensor->n_cluster, 1, run_clusters,
-                          &job);
-    return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
+    if (__atomic_load_n(&tensor->columns, __ATOMIC_ACQUIRE))
+        return by_columns(ctx, n_light, light, &job);
+    return by_rows(ctx, n_light, light, &job);
 }
 
 int prt_contract_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,

@@ -3,6 +3,7 @@
 #include "format.h"
 #include "map_guard.h"
 #include "pages.h"
+#include "prt/columns.h"
 #include "prt/eta_nodes.h"
 
 #include <errno.h>
@@ -549,9 +550,38 @@ uint64_t prt_file_hash(const struct prt_file *file)
     return ((const struct format_header *)file->bytes)->hash;
 }
 
+static bool can_have_columns(const struct prt_tensor *t)
+{
+    return t->storage == PRT_STORAGE_FACTORED && t->coupling == PRT_COUPLE_DIAGONAL &&
+           t->rows.value == PRT_VALUE_PAIR && !t->columns;
+}
+
+int prt_file_columns(const struct prt_context *ctx, struct prt_file *file)
+{
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < file->transport.n_tensor && !status; i++) {
+        struct prt_tensor *t = &file->transport.tensor[i];
+        struct prt_columns *columns = NULL;
+        if (can_have_columns(t)) status = prt_columns_make(ctx, t, &columns);
+        if (columns) __atomic_store_n(&t->columns, columns, __ATOMIC_RELEASE);
+    }
+    return status;
+}
+
+uint64_t prt_file_memory(const struct prt_file *file)
+{
+    uint64_t bytes = file->size;
+    for (uint32_t i = 0; i < file->transport.n_tensor; i++)
+        if (file->transport.tensor[i].columns)
+            bytes += file->transport.tensor[i].columns->bytes;
+    return bytes;
+}
+
 void prt_file_close(struct prt_file *file)
 {
     if (!file) return;
+    for (uint32_t i = 0; i < file->transport.n_tensor; i++)
+        prt_columns_destroy((void *)(uintptr_t)file->transport.tensor[i].columns);
     char *bytes = (char *)(uintptr_t)file->bytes;
     if (file->from == MAP) {
         prt_map_unwatch(file->watch);

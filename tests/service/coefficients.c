@@ -418,6 +418,39 @@ static void fewer_rows(void **state)
     relight_factors_finish(&few);
 }
 
+// After 64 lights the rows are stored by column, too: the log says so, and the colours change
+// by less than a contraction by columns may leave out.
+static void many_lights_make_columns(void **state)
+{
+    static float before[3 * N], after[3 * N];
+    static float sun[CUBE * CUBE * 18];
+    struct relight_light own = {.cube_n = CUBE, .cube = sun}, constant = light;
+    for (int i = 0; i < CUBE * CUBE * 18; i++) sun[i] = 1 + (float)i * 1e-4f;
+    sun[2000] = 300;
+    struct relight_colors_request request = {
+        .model = "opaque.prt", .n_light = 1, .lights = &own};
+    struct relight_colors_request other = {
+        .model = "opaque.prt", .n_light = 1, .lights = &constant};
+    struct relight_colors colors;
+    assert_false(log_says(&d, " columns ms=", 1));
+    ask(&request, RELIGHT_COLOR_F32, &colors);
+    OK(relight_colors_decode(&colors, 0, before));
+    relight_colors_finish(&colors);
+    for (int i = 0; i < 80; i++) {
+        constant.rotate_deg = i + 1;
+        ask(&other, RELIGHT_COLOR_F32, &colors);
+        relight_colors_finish(&colors);
+    }
+    assert_true(log_says(&d, " columns ms=", 20000));
+    sun[2000] = 300.003f; // not the answer that is kept
+    ask(&request, RELIGHT_COLOR_F32, &colors);
+    OK(relight_colors_decode(&colors, 0, after));
+    relight_colors_finish(&colors);
+    const double off = rmse(after, before, 3 * N);
+    print_message("by columns: %.2g off\n", off);
+    assert_true(off > 0 && off <= 0.004);
+}
+
 // U that is fetched in two or three parts has the numbers of the whole.
 static void factors_in_parts(void **state)
 {
@@ -591,6 +624,7 @@ int main(void)
         cmocka_unit_test(colours_in_parts),
         cmocka_unit_test(planes_of_exit_on_request),
         cmocka_unit_test(fewer_rows),
+        cmocka_unit_test(many_lights_make_columns),
         cmocka_unit_test(factors_in_parts),
         cmocka_unit_test(refusals),
         cmocka_unit_test(factors_of_another_bake),

@@ -28,12 +28,24 @@ static int run_turn(void *arg)
                                    job->out);
 }
 
+// The i-th light: a made-up one, or the --env in turn, each time turned further.
+static int light_cube(struct bench_env *env, uint32_t n, unsigned i, struct prt_cube *out)
+{
+    struct prt_env *light;
+    if (!env->n_light) return bench_cube(n, env->seed + i, out);
+    int status = prt_env_load(&env->ctx, env->light[i % env->n_light], &light);
+    if (status) return status;
+    status = prt_env_to_cube(&env->ctx, light, n, 20.0 * i, out);
+    prt_env_destroy(light);
+    return status;
+}
+
 static int prepare(struct bench_env *env, struct job *job, struct prt_cube cube[MOST])
 {
     int status = PRT_OK;
     for (unsigned i = 0; i < MOST && !status; i++) {
         job->out[i] = &job->rows[i];
-        status = bench_cube(job->transport->cube, env->seed + i, &cube[i]);
+        status = light_cube(env, job->transport->cube, i, &cube[i]);
         job->query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube[i]};
         job->rows[i].packed = true;
         if (!status)
@@ -45,11 +57,15 @@ static int prepare(struct bench_env *env, struct job *job, struct prt_cube cube[
     return status;
 }
 
-// One light, and several in one pass, in turns.
-static int frames(struct bench_env *env, const struct prt_transport *t)
+// One light, and several in one pass, in turns. by_rows: the file has no columns yet, as models
+// in relightd that few lights were asked of.
+static int frames(struct bench_env *env, const struct prt_transport *t, bool by_rows)
 {
     static const char *const label[] = {"coefficients", "coefficients_2", "coefficients_4",
                                         "coefficients_8", "coefficients_16"};
+    static const char *const rows[] = {"coefficients_rows", "coefficients_rows_2",
+                                       "coefficients_rows_4", "coefficients_rows_8",
+                                       "coefficients_rows_16"};
     struct job job = {.env = env, .transport = t};
     struct turn turn[] = {{&job, 1}, {&job, 2}, {&job, 4}, {&job, 8}, {&job, 16}};
     struct prt_cube cube[MOST] = {0};
@@ -59,7 +75,7 @@ static int frames(struct bench_env *env, const struct prt_transport *t)
         struct bench_time time[2];
         status = bench_compare(env, run_turn, turns, time);
         if (status) break;
-        bench_begin(env, label[i]);
+        bench_begin(env, by_rows ? rows[i] : label[i]);
         bench_number("vertices", t->mesh.n_vertex);
         bench_number("lights", turn[i].n_light);
         bench_number("bytes_a_frame", 2.0 * (double)job.rows[0].n_half);
@@ -82,10 +98,20 @@ static int coefficients(struct bench_env *env)
     if (!env->file) return PRT_OK;
     int status = prt_file_read(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
     if (status) return status;
-    status = frames(env, prt_file_transport(f));
+    status = frames(env, prt_file_transport(f), true);
+    const double start = prt_time_s();
+    if (!status) status = prt_file_columns(&env->ctx, f);
+    bench_begin(env, "coefficients_columns");
+    bench_number("ms_to_make", 1e3 * (prt_time_s() - start));
+    bench_number("file_bytes", (double)prt_file_bytes(f));
+    bench_number("bytes", (double)(prt_file_memory(f) - prt_file_bytes(f)));
+    bench_end();
+    if (!status) status = frames(env, prt_file_transport(f), false);
     prt_file_close(f);
     return status;
 }
 
-BENCH(coefficients, "Frames of coefficients of a wavelet --file; --threads 1: of one core",
+BENCH(coefficients,
+      "Frames of coefficients of a wavelet --file, by rows and by columns, under "
+      "--env or made-up lights; --threads 1: of one core",
       coefficients)

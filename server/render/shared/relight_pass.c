@@ -8,6 +8,7 @@
 #include "render/evaluation.h"
 #include "render/shared/cache_compute.h"
 #include "render/shared/pass_share.h"
+#include "render/shared/row_columns.h"
 #include "net/request.h"
 
 #include <stdio.h>
@@ -459,6 +460,8 @@ static void pass_done(struct work *work)
     while (item) {
         struct pass_item *next = item->next;
         item->job.ms = ms;
+        if (item->light && !item->contracted_material)
+            row_columns_count(g->model, item->file, 1);
         if (!item->status) ((struct vertex_values *)item->job.value)->shared = n;
         cache_job_complete(&item->job, item->status);
         item = next;

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+// Units of columns with AVX-512: the entries of a unit's rows, which lie together, are expanded
+// to the lanes of their rows.
+#include "avx512.h"
+#include "prt/columns.h"
+
+#if PRT_ISA_X86
+// Of a mask of rows: its lanes.
+#define ROW(m, r) ((m) >> (r)&1 ? 7 << 3 * (r) : 0)
+#define LANES(m) (ROW(m, 0) | ROW(m, 1) | ROW(m, 2) | ROW(m, 3) | ROW(m, 4))
+#define LANES4(m) LANES(m), LANES((m) + 1), LANES((m) + 2), LANES((m) + 3)
+#define LANES16(m) LANES4(m), LANES4((m) + 4), LANES4((m) + 8), LANES4((m) + 12)
+static const uint16_t lanes[32] = {LANES16(0), LANES16(16)};
+
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
+
+// Units [begin, end) under the first n_light lights. Returns the entries behind them.
+PRT_INLINE const int16_t *add_units(const struct column_part *part, uint32_t begin,
+                                    uint32_t end, const int16_t *entry, unsigned n_light,
+                                    size_t stride, float *sum)
+{
+    const __m512i rgb = _mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 3);
+    __m512 x[LIGHT_GROUP];
+    for (unsigned l = 0; l < n_light; l++)
+        x[l] = _mm512_permutexvar_ps(rgb, _mm512_maskz_loadu_ps(7, part->x[l]));
+    for (uint32_t k = begin; k < end; k++) {
+        const uint32_t unit = part->unit[k], mask = lanes[unit & 31];
+        const __m512i packed =
+            _mm512_cvtepi16_epi32(_mm256_loadu_si256((const __m256i *)entry));
+        const __m512 v = _mm512_cvtepi32_ps(_mm512_maskz_expand_epi32((__mmask16)mask, packed));
+        float *chunk = sum + (unit >> 5) * stride;
+        entry += __builtin_popcount(mask);
+        for (unsigned l = 0; l < n_light; l++) {
+            float *to = chunk + part->at[l];
+            _mm512_storeu_ps(to, _mm512_fmadd_ps(v, x[l], _mm512_loadu_ps(to)));
+        }
+    }
+    return entry;
+}
+
+void prt_columns_avx512(const struct column_part *part, size_t n, size_t stride, float *sum)
+{
+#define CASE(n_light)                                                  \
+    case n_light:                                                      \
+        entry = add_units(part, k, stop, entry, n_light, stride, sum); \
+        break;
+    for (const struct column_part *end = part + n; part < end; part++) {
+        const int16_t *entry = part->entry;
+        uint32_t k = 0;
+        // fewer and fewer lights
+        for (unsigned l = part->n_light; l; l--) {
+            const uint32_t stop = part->n[l - 1];
+            switch (l) {
+                CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6) CASE(7) CASE(8)
+            }
+            k = stop;
+        }
+    }
+#undef CASE
+}
+
+PRT_ISA_END
+#endif
