@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Contraction by columns (METHODS §3.4): of a light's coefficients and the units of their columns
-// (prt/columns.h), only products that matter are summed. Which ones depends on the light alone,
-// not on the kernels, threads or the lights beside it.
+// Contraction by columns (METHODS §3.4): of a light's coefficients and the units of their
+// columns (prt/columns.h), only products that matter are summed. Which ones depends on the
+// light alone, not on the kernels, threads or the lights beside it.
 #include "contract_columns.h"
 
 #include <math.h>
