@@ -206,7 +206,6 @@ static void add_columns(const struct piece *p, uint8_t *most, float *sum)
 static double put_rows(const struct piece *p, unsigned l, const float *sum)
 {
     const struct prt_columns *c = p->run->tensor->columns;
-    const uint32_t n_row = p->run->tensor->rows.n_row;
     float *out = p->run->out + p->light[l] * p->run->light_pitch;
     lanes16 square = {0};
     double length = 0;
@@ -220,7 +219,9 @@ static double put_rows(const struct piece *p, unsigned l, const float *sum)
         memcpy(lane, &x, sizeof lane);
         for (uint32_t r = 0; r < PRT_COLUMN_ROWS; r++) {
             const size_t row = chunk * PRT_COLUMN_ROWS + r;
-            if (row < n_row) memcpy(out + row * p->run->row_pitch, lane + 3ull * r, 12);
+            if (row < c->n_row)
+                memcpy(out + row / c->n_plane * p->run->row_pitch + 3 * (row % c->n_plane),
+                       lane + 3ull * r, 12);
         }
     }
     for (int i = 0; i < 3 * PRT_COLUMN_ROWS; i++) length += (double)square[i];

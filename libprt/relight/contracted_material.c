@@ -2,6 +2,7 @@
 // A joint transport contracted with its objects' media. It owns the folded rows and the media,
 // and borrows everything else from the transport.
 #include "answer.h"
+#include "prt/columns.h"
 
 #include <string.h>
 
@@ -9,7 +10,8 @@ struct prt_contracted_transport {
     struct prt_transport transport;
     struct prt_rows
         rows[PRT_MOST_TENSORS]; // owned; n_row 0: this tensor uses the transport's rows
-    struct prt_media *media;    // owned
+    struct prt_columns *columns[PRT_MOST_TENSORS]; // owned; of `rows`, or NULL
+    struct prt_media *media;                       // owned
     size_t bytes;
 };
 
@@ -63,6 +65,7 @@ static int contract_tensor(const struct prt_context *ctx, const struct prt_trans
     t->n_radial = t->n_knot = t->n_eta = 0;
     t->knot = t->basis = t->eta = NULL;
     t->rows = *rows;
+    t->columns = NULL;
     return PRT_OK;
 }
 
@@ -98,9 +101,27 @@ int prt_contracted_transport_create(const struct prt_context *ctx,
     return status;
 }
 
+int prt_contracted_transport_columns(const struct prt_context *ctx,
+                                     struct prt_contracted_transport *fixed)
+{
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < fixed->transport.n_tensor && !status; i++) {
+        struct prt_tensor *t = &fixed->transport.tensor[i];
+        struct prt_columns *columns = NULL;
+        if (!fixed->rows[i].n_row || !prt_columns_possible(t)) continue;
+        status = prt_columns_make(ctx, t, &columns);
+        if (columns) fixed->bytes += columns->bytes;
+        t->columns = fixed->columns[i] = columns;
+    }
+    return status;
+}
+
 void prt_contracted_transport_destroy(struct prt_contracted_transport *fixed)
 {
-    for (int i = 0; fixed && i < PRT_MOST_TENSORS; i++) prt_rows_finish(&fixed->rows[i]);
+    for (int i = 0; fixed && i < PRT_MOST_TENSORS; i++) {
+        prt_rows_finish(&fixed->rows[i]);
+        prt_columns_destroy(fixed->columns[i]);
+    }
     if (fixed) prt_free(fixed->media);
     prt_free(fixed);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Rows of pairs by column (prt/columns.h).
+// Rows of pairs or halves by column (prt/columns.h).
 #include "prt/columns.h"
 
 #include <math.h>
@@ -7,11 +7,11 @@
 
 enum { GROUP_CHUNKS = 2048 }; // their sums under a light take 64 KiB of the L2 cache
 
-// One entry of a group on its way to its column.
+// One plane of an entry of a group on its way to its column.
 struct item {
-    uint16_t row; // of the group
+    uint16_t row; // of the group, a plane counted as one
     uint16_t column;
-    uint32_t at; // entry of the rows, counted from the group's first
+    uint32_t at; // entry of the rows, counted from the group's first one
 };
 
 // One unit of a column: items [first, first + n) of one chunk.
@@ -26,6 +26,8 @@ struct making {
     const struct prt_context *ctx;
     const struct prt_tensor *tensor;
     struct prt_columns *columns;
+    uint32_t n_plane;
+    float *scale;        // [n_row][n_plane][3]; 0: the plane has no entries
     float gain[64];      // prt_pair_gain of index | index / n
     uint32_t n;          // of the cube
     const float *length; // [n_row] of U's columns
@@ -42,47 +44,80 @@ struct group_work {
     uint32_t *first_unit; // [n_coef + 1]
 };
 
-static void integers_of(const struct prt_rows *rows, uint64_t e, int16_t out[3])
+static float gain_of(const struct making *m, uint32_t index)
 {
-    for (uint32_t ch = 0; ch < 3; ch++)
-        out[ch] = ((const int16_t *)rows->entry)[e / 2 * 6 + 2 * ch + e % 2];
+    return m->gain[(index | index / m->n) & (m->n - 1)];
 }
 
-// Sorts the group's entries other than 0 by column.
+// Channels of plane k of an entry of row `row`, in units of their scale.
+static void integers_of(const struct making *m, uint32_t row, uint64_t e, uint32_t k,
+                        int16_t out[3])
+{
+    const struct prt_rows *rows = &m->tensor->rows;
+    const float *scale = m->scale + 3ull * ((uint64_t)row * m->n_plane + k);
+    const float inverse = 1 / gain_of(m, ((const uint16_t *)rows->index)[e]);
+    for (uint32_t ch = 0; ch < 3; ch++)
+        if (rows->value == PRT_VALUE_PAIR)
+            out[ch] = ((const int16_t *)rows->entry)[e / 2 * 6 + 2 * ch + e % 2];
+        else
+            out[ch] =
+                scale[ch] > 0
+                    ? (int16_t)lrintf(
+                          prt_f16_to_f32(((const uint16_t *)
+                                              rows->entry)[e * rows->n_function + 3 * k + ch]) *
+                          inverse / scale[ch])
+                    : 0;
+}
+
+static bool is_there(const int16_t x[3])
+{
+    return x[0] || x[1] || x[2];
+}
+
+// Sorts the planes of the group's entries, but those that are 0, by column.
 static void sort_items(struct group_work *w)
 {
-    const struct prt_rows *rows = &w->m->tensor->rows;
+    const struct making *m = w->m;
+    const struct prt_rows *rows = &m->tensor->rows;
     const uint16_t *index = rows->index;
     const uint32_t n_coef = rows->n_coef;
     int16_t x[3];
     memset(w->column, 0, (n_coef + 2ull) * sizeof *w->column);
     // first the counts, two places higher, then the places, one higher
-    for (uint64_t e = w->entry_begin; e < rows->begin[w->row_end]; e++) {
-        integers_of(rows, e, x);
-        if (x[0] || x[1] || x[2]) w->column[index[e] + 2]++;
+    for (uint32_t v = w->row_begin; v < w->row_end; v++) {
+        const uint32_t row = v / m->n_plane, k = v % m->n_plane;
+        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
+            integers_of(m, row, e, k, x);
+            if (is_there(x)) w->column[index[e] + 2]++;
+        }
     }
     for (uint32_t c = 2; c < n_coef + 2; c++) w->column[c] += w->column[c - 1];
-    for (uint32_t row = w->row_begin; row < w->row_end; row++)
+    for (uint32_t v = w->row_begin; v < w->row_end; v++) {
+        const uint32_t row = v / m->n_plane, k = v % m->n_plane;
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
-            integers_of(rows, e, x);
-            if (x[0] || x[1] || x[2])
+            integers_of(m, row, e, k, x);
+            if (is_there(x))
                 w->item[w->column[index[e] + 1]++] = (struct item){
-                    (uint16_t)(row - w->row_begin), index[e], (uint32_t)(e - w->entry_begin)};
+                    (uint16_t)(v - w->row_begin), index[e], (uint32_t)(e - w->entry_begin)};
         }
+    }
+}
+
+static void item_integers(const struct group_work *w, const struct item *item, int16_t x[3])
+{
+    const uint32_t v = w->row_begin + item->row;
+    integers_of(w->m, v / w->m->n_plane, w->entry_begin + item->at, v % w->m->n_plane, x);
 }
 
 static float squared_weight(const struct group_work *w, const struct item *item)
 {
-    const struct prt_rows *rows = &w->m->tensor->rows;
-    const uint32_t row = w->row_begin + item->row;
-    const uint32_t n = w->m->n;
-    const float factor =
-        w->m->gain[(item->column | item->column / n) & (n - 1)] * w->m->length[row];
+    const uint32_t v = w->row_begin + item->row;
+    const float factor = gain_of(w->m, item->column) * w->m->length[v / w->m->n_plane];
     float sum = 0;
     int16_t x[3];
-    integers_of(rows, w->entry_begin + item->at, x);
-    for (int ch = 0; ch < 3; ch++) {
-        const float a = (float)x[ch] * rows->scale[3ull * row + (unsigned)ch] * factor;
+    item_integers(w, item, x);
+    for (uint32_t ch = 0; ch < 3; ch++) {
+        const float a = (float)x[ch] * w->m->scale[3ull * v + ch] * factor;
         sum += a * a;
     }
     return sum;
@@ -125,8 +160,7 @@ static void put_unit(const struct group_work *w, const struct unit *u)
     struct prt_column_group *g = w->g;
     g->unit[g->n_unit++] = (uint16_t)(u->chunk << 5 | u->mask);
     for (uint32_t i = 0; i < u->n; i++)
-        integers_of(&w->m->tensor->rows, w->entry_begin + w->item[u->first + i].at,
-                    g->entry + 3ull * g->n_entry++);
+        item_integers(w, &w->item[u->first + i], g->entry + 3ull * g->n_entry++);
 }
 
 // The column's units, level by level.
@@ -156,9 +190,11 @@ static int group_start(const struct making *m, size_t i, struct group_work *w)
     *w = (struct group_work){.m = m, .g = g};
     w->row_begin = PRT_COLUMN_ROWS * g->chunk_begin;
     w->row_end = PRT_COLUMN_ROWS * (g->chunk_begin + g->n_chunk);
-    if (w->row_end > rows->n_row) w->row_end = rows->n_row;
-    w->entry_begin = rows->begin[w->row_begin];
-    const uint64_t n = rows->begin[w->row_end] - w->entry_begin;
+    if (w->row_end > m->columns->n_row) w->row_end = m->columns->n_row;
+    w->entry_begin = rows->begin[w->row_begin / m->n_plane];
+    uint64_t n = 0;
+    for (uint32_t v = w->row_begin; v < w->row_end; v++)
+        n += rows->begin[v / m->n_plane + 1] - rows->begin[v / m->n_plane];
     w->item = prt_alloc(n + 1, sizeof *w->item);
     w->column = prt_alloc(rows->n_coef + 2ull, sizeof *w->column);
     // A column has a unit for each chunk, and one for each second entry of a row.
@@ -229,35 +265,64 @@ static void find_lengths(const struct prt_tensor *t, float *length)
     }
 }
 
+// Scales of pairs, or those at which the largest half of a row, plane and channel is 32767.
+static void find_scales(struct making *m)
+{
+    const struct prt_rows *rows = &m->tensor->rows;
+    const uint32_t J = rows->n_function;
+    if (rows->value == PRT_VALUE_PAIR) {
+        memcpy(m->scale, rows->scale, 12ull * rows->n_row);
+        return;
+    }
+    memset(m->scale, 0, 4ull * J * rows->n_row);
+    for (uint32_t row = 0; row < rows->n_row; row++) {
+        float *scale = m->scale + (uint64_t)row * J;
+        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
+            const float inverse = 1 / gain_of(m, ((const uint16_t *)rows->index)[e]);
+            for (uint32_t j = 0; j < J; j++)
+                scale[j] =
+                    fmaxf(scale[j],
+                          fabsf(prt_f16_to_f32(((const uint16_t *)rows->entry)[e * J + j])) *
+                              inverse);
+        }
+        for (uint32_t j = 0; j < J; j++) scale[j] /= 32767;
+    }
+}
+
 // Scales, scaling coefficients and lengths in lanes, and the Gram matrices.
 static void fill_lanes(const struct making *m)
 {
     const struct prt_rows *rows = &m->tensor->rows;
     struct prt_columns *c = m->columns;
     double gram[3][6][6] = {0};
-    for (uint32_t row = 0; row < rows->n_row; row++)
+    for (uint32_t v = 0; v < c->n_row; v++)
         for (uint32_t ch = 0; ch < 3; ch++) {
-            const size_t chunk = row / PRT_COLUMN_ROWS, lane = row % PRT_COLUMN_ROWS * 3 + ch;
-            const float own = rows->scale[3ull * row + ch], scale = own > 0 ? own : 1;
+            const uint32_t row = v / m->n_plane, j = 3 * (v % m->n_plane) + ch;
+            const size_t chunk = v / PRT_COLUMN_ROWS, lane = v % PRT_COLUMN_ROWS * 3 + ch;
+            const float own = m->scale[3ull * v + ch], scale = own > 0 ? own : 1;
+            const float length = m->length[row];
             float x[6];
             c->scale[chunk * PRT_COLUMN_LANES + lane] = scale;
-            c->length[chunk * PRT_COLUMN_LANES + lane] = m->length[row];
+            c->length[chunk * PRT_COLUMN_LANES + lane] = length;
             for (uint32_t f = 0; f < 6; f++) {
-                x[f] = prt_f16_to_f32(rows->scaling[18ull * row + 3 * f + ch]);
+                x[f] = prt_f16_to_f32(
+                    rows->scaling[((uint64_t)row * 6 + f) * rows->n_function + j]);
                 c->scaling[(chunk * 6 + f) * PRT_COLUMN_LANES + lane] = x[f] / scale;
             }
             for (uint32_t f = 0; f < 6; f++)
                 for (uint32_t h = 0; h < 6; h++)
-                    gram[ch][f][h] += (double)(x[f] * x[h] * m->length[row] * m->length[row]);
+                    gram[ch][f][h] += (double)(x[f] * x[h] * length * length);
         }
     for (uint32_t i = 0; i < 108; i++) (&c->gram[0][0][0])[i] = (float)(&gram[0][0][0])[i];
 }
 
-static struct prt_columns *columns_alloc(const struct prt_rows *rows)
+static struct prt_columns *columns_alloc(uint32_t n_row, uint32_t n_plane)
 {
     struct prt_columns *c = prt_calloc(1, sizeof *c);
     if (!c) return NULL;
-    c->n_chunk = (rows->n_row + PRT_COLUMN_ROWS - 1) / PRT_COLUMN_ROWS;
+    c->n_row = n_row * n_plane;
+    c->n_plane = n_plane;
+    c->n_chunk = (c->n_row + PRT_COLUMN_ROWS - 1) / PRT_COLUMN_ROWS;
     c->n_group = (c->n_chunk + GROUP_CHUNKS - 1) / GROUP_CHUNKS;
     const size_t lanes = (size_t)c->n_chunk * PRT_COLUMN_LANES;
     c->group = prt_calloc(c->n_group + 1ull, sizeof *c->group);
@@ -289,26 +354,41 @@ static void count_all(struct prt_columns *c, uint32_t n_coef)
     }
 }
 
+bool prt_columns_possible(const struct prt_tensor *t)
+{
+    const struct prt_rows *rows = &t->rows;
+    return t->storage == PRT_STORAGE_FACTORED && t->coupling == PRT_COUPLE_DIAGONAL &&
+           rows->index_bytes == 2 && rows->n_row < UINT32_MAX / 64 &&
+           (rows->value == PRT_VALUE_PAIR || rows->value == PRT_VALUE_F16);
+}
+
 int prt_columns_make(const struct prt_context *ctx, const struct prt_tensor *tensor,
                      struct prt_columns **out)
 {
     const struct prt_rows *rows = &tensor->rows;
     *out = NULL;
-    if (tensor->storage != PRT_STORAGE_FACTORED || tensor->coupling != PRT_COUPLE_DIAGONAL ||
-        rows->value != PRT_VALUE_PAIR || rows->n_function != 3)
-        return prt_fail(ctx, PRT_ARG, "only factored rows of pairs have columns");
+    if (!prt_columns_possible(tensor))
+        return prt_fail(ctx, PRT_ARG, "only factored rows of pairs or halves have columns");
     float *length = prt_alloc(rows->n_row + 1ull, sizeof *length);
-    struct making m = {.ctx = ctx, .tensor = tensor, .n = 1, .length = length};
-    m.columns = columns_alloc(rows);
+    struct making m = {
+        .ctx = ctx,
+        .tensor = tensor,
+        .n = 1,
+        .n_plane = rows->n_function / 3,
+        .scale = prt_alloc((uint64_t)rows->n_row * rows->n_function + 1, sizeof *m.scale),
+        .length = length};
+    m.columns = columns_alloc(rows->n_row, m.n_plane);
     while (6 * m.n * m.n < rows->n_coef) m.n *= 2;
     for (uint32_t t = 0; t < 64; t++) m.gain[t] = t < m.n ? prt_pair_gain(m.n, t) : 1;
-    int status = length && m.columns ? PRT_OK : PRT_NOMEM;
+    int status = length && m.columns && m.scale ? PRT_OK : PRT_NOMEM;
     if (!status) {
         find_lengths(tensor, length);
+        find_scales(&m);
         fill_lanes(&m);
         status = prt_parallel_for(ctx, NULL, m.columns->n_group, 1, make_groups, &m);
     }
     prt_free(length);
+    prt_free(m.scale);
     if (status) {
         prt_columns_destroy(m.columns);
         return prt_fail(ctx, status, "no memory for columns of %u rows", rows->n_row);

@@ -550,19 +550,13 @@ uint64_t prt_file_hash(const struct prt_file *file)
     return ((const struct format_header *)file->bytes)->hash;
 }
 
-static bool can_have_columns(const struct prt_tensor *t)
-{
-    return t->storage == PRT_STORAGE_FACTORED && t->coupling == PRT_COUPLE_DIAGONAL &&
-           t->rows.value == PRT_VALUE_PAIR && !t->columns;
-}
-
 int prt_file_columns(const struct prt_context *ctx, struct prt_file *file)
 {
     int status = PRT_OK;
     for (uint32_t i = 0; i < file->transport.n_tensor && !status; i++) {
         struct prt_tensor *t = &file->transport.tensor[i];
         struct prt_columns *columns = NULL;
-        if (can_have_columns(t)) status = prt_columns_make(ctx, t, &columns);
+        if (!t->columns && prt_columns_possible(t)) status = prt_columns_make(ctx, t, &columns);
         if (columns) __atomic_store_n(&t->columns, columns, __ATOMIC_RELEASE);
     }
     return status;
