@@ -177,6 +177,7 @@ static int kernel_init(struct served *s, struct kernel *k)
     *k = (struct kernel){.env = s->env};
     snprintf(path, sizeof path, "%s/models/%s.prt", s->daemon.folder, s->daemon.model);
     int status = prt_file_open(&s->env->ctx, path, PRT_FILE_CHECK_HEADERS, &k->file);
+    if (!status) status = prt_file_columns(&s->env->ctx, k->file); // as the daemon soon has
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(k->file);
     for (unsigned i = 0; i < N_CLIENT && !status; i++) {
