@@ -110,9 +110,15 @@ static float entry_of(const struct prt_rows *rows, uint32_t row, uint64_t e, uin
 static void check_what_columns_hold(const struct synthetic_options *o)
 {
     struct with_columns c;
-    make(&c, o);
+    assert_int_equal(synthetic_tensor(o, &c.tensor), 0);
     const struct prt_rows *rows = &c.tensor.rows;
     const uint32_t J = rows->n_function;
+    // A row may have two entries of one index, which add up.
+    uint16_t *index = (uint16_t *)(uintptr_t)rows->index;
+    for (uint32_t row = 0; row < rows->n_row && rows->value == PRT_VALUE_PAIR; row += 3)
+        index[rows->begin[row] + 1] = index[rows->begin[row]];
+    let_fall(&c.tensor, o->rank);
+    assert_int_equal(prt_columns_make(&ctx, &c.tensor, &c.columns), 0);
     const size_t n = (size_t)rows->n_row * J + 3 * PRT_COLUMN_ROWS;
     float *expect = calloc(n * rows->n_coef, 4), *dense = calloc(n * rows->n_coef, 4);
     uint64_t n_unit = 0;
@@ -128,9 +134,9 @@ static void check_what_columns_hold(const struct synthetic_options *o)
     }
     for (uint32_t k = 0; k < rows->n_coef; k++)
         for (size_t i = 0; i < (size_t)rows->n_row * J; i++) {
-            // half a step for each of at most two halves of an index that were rounded
+            // half a step of a rounded half, and the division's own rounding
             const float step = scale_of(c.columns, i / 3, i % 3) * prt_pair_gain(shape.cube, k);
-            const float bound = (rows->value == PRT_VALUE_F16 ? 1.01f : 1e-2f) * step;
+            const float bound = (rows->value == PRT_VALUE_F16 ? 0.51f : 1e-2f) * step;
             if (!(fabsf(dense[k * n + i] - expect[k * n + i]) <= bound))
                 fail_msg("column %u, value %zu is %g instead of %g", k, i,
                          (double)dense[k * n + i], (double)expect[k * n + i]);
