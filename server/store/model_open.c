@@ -288,6 +288,7 @@ static void is_open(struct opening *o)
     struct model *m = o->model;
     bool first = !o->preview && !m->checked && !m->gone;
     if (first) m->checked = true;
+    m->n_contracted = 0;
     if (o->preview) model_learn_mesh(m, o->file);
     else model_learn_facts(m, o->file);
     log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", m->id, (double)o->ms,

@@ -111,10 +111,10 @@ struct model {
     bool gone; /* forgotten; alive until its last reference */
     struct model_watcher *watcher;
     struct gathering *gathering;
-    const void *columns_of; /* row_columns.c: the opened file that lights were counted for */
-    unsigned n_contracted;  /* lights */
-    unsigned n_turning;     /* evaluations whose lights are being turned for a pass */
-    unsigned users;         /* references: the registry, requests in progress */
+    unsigned n_contracted; /* row_columns.c: lights since its file was opened */
+    bool making_columns;
+    unsigned n_turning; /* evaluations whose lights are being turned for a pass */
+    unsigned users;     /* references: the registry, requests in progress */
 };
 
 int models_create(struct server *server, struct models **out);

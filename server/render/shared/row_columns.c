@@ -30,6 +30,7 @@ static void done_making(struct work *work)
     log_line(LOG_EVENT, "model id=%s columns ms=%.1f bytes=%llu", m->model->id,
              (double)(work->ended_ns - work->started_ns) * 1e-6,
              (unsigned long long)(bytes - m->before));
+    m->model->making_columns = false;
     cache_release(m->file);
     model_release(m->model);
     free(m);
@@ -48,16 +49,16 @@ void row_columns_count(struct model *model, struct cache_entry *file, unsigned n
 {
     const struct prt_file *f = file->value;
     if (prt_file_transport(f)->engine != PRT_TRANSPORT_WAVELET) return;
-    if (model->columns_of != f) model->n_contracted = 0; // it was opened again
-    model->columns_of = f;
     const unsigned before = model->n_contracted;
     model->n_contracted += n_light;
     if (before >= LIGHTS_BEFORE || model->n_contracted < LIGHTS_BEFORE) return;
-    struct making *m = has_room(model, f) ? calloc(1, sizeof *m) : NULL;
+    struct making *m =
+        !model->making_columns && has_room(model, f) ? calloc(1, sizeof *m) : NULL;
     if (!m) {
         model->n_contracted = 0; // later, perhaps
         return;
     }
+    model->making_columns = true;
     m->work.class = WORK_BACKGROUND;
     m->work.run = run_making;
     m->work.done = done_making;
