@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The kernels for arm64 with NEON.
 #include "kernels.h"
+#include "prt/columns.h"
+#include "spread.h"
 
 #include <string.h>
 
@@ -450,10 +452,48 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
     }
 }
 
+// Eight of a unit's lanes as floats: the entries spread over them (spread.h).
+static inline float32x4x2_t spread_half(const int16_t *entry, const char *shuffle)
+{
+    const int8x16_t x =
+        vqtbl1q_s8(vreinterpretq_s8_s16(vld1q_s16(entry)), vld1q_u8((const uint8_t *)shuffle));
+    const int16x8_t lane = vreinterpretq_s16_s8(x);
+    return (float32x4x2_t){{vcvtq_f32_s32(vmovl_s16(vget_low_s16(lane))),
+                            vcvtq_f32_s32(vmovl_s16(vget_high_s16(lane)))}};
+}
+
+// The units of one light.
+static void column_light(const struct column_part *part, unsigned l, size_t stride, float *sum)
+{
+    const float *c = part->x[l];
+    float lane[PRT_COLUMN_LANES] = {0};
+    for (int i = 0; i < 3 * PRT_COLUMN_ROWS; i++) lane[i] = c[i % 3];
+    const float32x4x4_t x = vld1q_f32_x4(lane);
+    const int16_t *entry = part->entry;
+    for (uint32_t k = 0; k < part->n[l]; k++) {
+        const uint32_t unit = part->unit[k];
+        const struct spread *s = &spreads[unit & 31];
+        float *to = sum + (unit >> 5) * stride + part->at[l];
+        const float32x4x2_t a = spread_half(entry, s->shuffle);
+        const float32x4x2_t b = spread_half(entry + s->half, s->shuffle + 16);
+        vst1q_f32(to, vfmaq_f32(vld1q_f32(to), a.val[0], x.val[0]));
+        vst1q_f32(to + 4, vfmaq_f32(vld1q_f32(to + 4), a.val[1], x.val[1]));
+        vst1q_f32(to + 8, vfmaq_f32(vld1q_f32(to + 8), b.val[0], x.val[2]));
+        vst1q_f32(to + 12, vfmaq_f32(vld1q_f32(to + 12), b.val[1], x.val[3]));
+        entry += s->n;
+    }
+}
+
+static void columns(const struct column_part *part, size_t n, size_t stride, float *sum)
+{
+    for (const struct column_part *end = part + n; part < end; part++)
+        for (unsigned l = 0; l < part->n_light; l++) column_light(part, l, stride, sum);
+}
+
 const struct prt_kernels prt_kernels_neon = {.name = "neon",
                                              .diagonal = diagonal,
                                              .diagonal_group = diagonal_group,
-                                             .columns = prt_columns_c,
+                                             .columns = columns,
                                              .full = full,
                                              .mixed = mixed,
                                              .expand = expand,

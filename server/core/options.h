@@ -123,7 +123,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "least recently used model is unloaded, first one of a client whose models take more "    \
       "than an equal share, and others wait for one in use. A model above it is open alone. "   \
       "Pages of unloaded ones, at most a quarter of it and 64M, are kept for the next up to a " \
-      "minute longer")                                                                          \
+      "minute longer. Where half of it is free, models that many lights are asked of take "     \
+      "three quarters more, and answer faster")                                                 \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                     \
       "Memory for decoded environments, lights, visibility buffers and colours that "           \
       "are kept for reuse")                                                                     \
