@@ -192,6 +192,25 @@ static void rows_keep_what_they_are_made_of(void **state)
         prt_tensor_finish(&t);
         prt_factored_finish(&f);
     }
+    prt_free(lights);
+    // With fewer lights than vertices U comes from the Gram matrix of the lights.
+    plan.n_probe = V / J - 1;
+    plan.lights = lights = prt_compression_lights(&plan);
+    assert_non_null(lights);
+    struct row_source source = {rows, V, multiply, project, NULL};
+    struct factored f;
+    assert_int_equal(prt_factor_cluster(&context, &plan, &source, &f), PRT_OK);
+    assert_in_range(f.rank, 2, plan.n_probe * J);
+    double most = 0;
+    for (uint32_t a = 0; a < f.rank; a++)
+        for (uint32_t b = 0; b <= a; b++) {
+            double product = 0;
+            for (uint32_t v = 0; v < V; v++)
+                product += (double)f.u[a * V + v] * (double)f.u[b * V + v];
+            most = fmax(most, fabs(product - (a == b)));
+        }
+    expect_below("columns of U against orthonormal ones", most, 1e-3);
+    prt_factored_finish(&f);
     prt_free(rows);
     prt_free(omega);
     prt_free(probe);
