@@ -83,9 +83,10 @@ struct server {
     /* The kin (struct model) of a model that a replica of another version baked; "": there is
      * none of this id. NULL: one machine. */
     const char *(*kin_of)(const struct server *server, const char *id);
-    /* Replaces the list of tokens that replicas share; done(user, 0 or an errno, EAGAIN where
-     * another replica changed it first). NULL: this daemon's list is its own. */
-    void (*write_tokens)(struct server *server, const char *text,
+    /* Shares a change of the list of tokens with other replicas, after earlier ones;
+     * done(user, 0 or an errno). apply(user) makes it once more, in a list of theirs that was
+     * read meanwhile. NULL: this daemon's list is its own. */
+    void (*write_tokens)(struct server *server, void (*apply)(void *user),
                          void (*done)(void *user, int fault), void *user);
     /* Calls run(request) once the uploads and the model that the message names are here, which
      * other replicas may have, and poses that rooms keep on the disk are in memory; the message

@@ -31,8 +31,8 @@ struct change {
     char path[4096], temporary[4200];
     char *text;
     bool revoke;
-    char name[TOKEN_NAME], secret[TOKEN_SECRET];
-    uint8_t hash[TOKEN_HASH]; // a token of the same name may follow a revoked one
+    struct token token; // another of the same name may follow a revoked one
+    char secret[TOKEN_SECRET];
     unsigned closed;
 };
 
@@ -68,31 +68,41 @@ static int write_list(struct file_task *task)
     return fault;
 }
 
-static void stored(void *user, int fault);
-
-// Among replicas the list is shared first; the file is a copy of it then.
-static void submit(struct change *c)
+static bool is_of(const struct change *c, const struct token *t)
 {
-    struct server *server = c->server;
-    if (server->write_tokens) server->write_tokens(server, c->text, stored, c);
-    else file_queue_add(server->file_queue, &c->task);
+    return t && !sodium_memcmp(t->hash, c->token.hash, TOKEN_HASH);
+}
+
+// Makes the change in a list that does not have it.
+static void apply(void *user)
+{
+    const struct change *c = user;
+    struct token_store *store = access_store(c->server->access);
+    struct token *t = token_find(store, c->token.name);
+    if (!c->revoke && !t) token_add(store, &c->token, (char[256]){0});
+    else if (c->revoke && is_of(c, t)) token_remove(store, t);
 }
 
 static void stored(void *user, int fault)
 {
     struct change *c = user;
-    if (!fault) {
+    char *text = fault ? NULL : tokens_print(access_store(c->server->access));
+    if (text) {
+        free(c->text);
+        c->text = text;
         file_queue_add(c->server->file_queue, &c->task);
         return;
     }
-    c->task.status = fault;
+    c->task.status = fault ? fault : ENOMEM;
     c->task.done(&c->task);
 }
 
-static const char *fault_text(int fault)
+// Among replicas the list is shared first; the file is a copy of it then.
+static void submit(struct change *c)
 {
-    return fault == EAGAIN ? "another replica changed the tokens just now, try again"
-                           : strerror(fault);
+    struct server *server = c->server;
+    if (server->write_tokens) server->write_tokens(server, apply, stored, c);
+    else file_queue_add(server->file_queue, &c->task);
 }
 
 static void free_change(struct change *c)
@@ -104,8 +114,9 @@ static void free_change(struct change *c)
 
 static void written(struct file_task *task);
 
-// Writes the list as it is now. NULL without memory.
-static struct change *begin_change(struct server *server, const char *name, bool revoke)
+// Writes the list as it is now, after that change. NULL without memory.
+static struct change *begin_change(struct server *server, const struct token *token,
+                                   bool revoke)
 {
     struct change *c = calloc(1, sizeof *c);
     char *text = c ? tokens_print(access_store(server->access)) : NULL;
@@ -116,7 +127,7 @@ static struct change *begin_change(struct server *server, const char *name, bool
     c->server = server;
     c->text = text;
     c->revoke = revoke;
-    snprintf(c->name, sizeof c->name, "%s", name);
+    c->token = *token;
     access_path(server->access, c->path, sizeof c->path);
     snprintf(c->temporary, sizeof c->temporary, "%s.tmp", c->path);
     c->task.run = write_list;
@@ -175,20 +186,22 @@ static void created(struct change *c, struct request *request)
 {
     struct server *server = c->server;
     struct token_store *store = access_store(server->access);
-    struct token *t = token_find(store, c->name);
+    struct token *t = token_find(store, c->token.name);
     int fault = c->task.status;
-    if (t && sodium_memcmp(t->hash, c->hash, TOKEN_HASH)) t = NULL; // revoked, then made anew
+    if (!is_of(c, t)) t = NULL;     // revoked, then made anew
     if (t && (fault || !request)) { // without its request nobody has the secret
         token_remove(store, t);
         t = NULL;
-        struct change *back = fault == EAGAIN ? NULL : begin_change(server, c->name, true);
+        struct change *back = begin_change(server, &c->token, true);
         if (back) submit(back);
     }
     if (!request) return;
     if (!t) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_INTERNAL, "token %s: %s%s", c->name,
-                     fault ? "its file could not be written: " : "it was revoked meanwhile",
-                     fault ? fault_text(fault) : "");
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_INTERNAL, "token %s: %s%s",
+                     c->token.name,
+                     fault ? "its file could not be written: "
+                           : "it was revoked, or another of its name was made, meanwhile",
+                     fault ? strerror(fault) : "");
         return;
     }
     bool first = access_commit(server->access, t);
@@ -212,7 +225,7 @@ static void revoked(struct change *c, struct request *request)
 {
     if (c->task.status)
         log_line(LOG_ERR, "audit act=token-revoke name=%s: its file could not be written: %s",
-                 c->name, strerror(c->task.status));
+                 c->token.name, strerror(c->task.status));
     if (!request) return;
     Relight__TokenRevokeAnswer out = RELIGHT__TOKEN_REVOKE_ANSWER__INIT;
     out.connections = c->closed;
@@ -220,7 +233,7 @@ static void revoked(struct change *c, struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_INTERNAL,
                      "token %s is revoked until the daemon restarts: its file could not be "
                      "written: %s",
-                     c->name, fault_text(c->task.status));
+                     c->token.name, strerror(c->task.status));
     else request_answer(request, &out.base, NULL);
 }
 
@@ -304,14 +317,13 @@ void op_token_create(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "%s", fault);
         return;
     }
-    struct change *c = begin_change(server, t.name, false);
+    struct change *c = begin_change(server, &t, false);
     if (!c) {
         token_remove(store, added);
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
     memcpy(c->secret, secret, sizeof secret);
-    memcpy(c->hash, t.hash, sizeof t.hash);
     sodium_memzero(secret, sizeof secret);
     request_park(request, &c->wait);
     submit(c);
@@ -351,7 +363,7 @@ void op_token_revoke(struct request *request)
     }
     struct token before = *t;
     token_remove(store, t);
-    struct change *c = begin_change(server, before.name, true);
+    struct change *c = begin_change(server, &before, true);
     if (!c) {
         token_add(store, &before, (char[256]){0});
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");

@@ -41,7 +41,8 @@ struct rooms {
     struct loop_timer purge;
     bool stopping;
     bool reading_guests, guests_again, guests_missed;
-    uint64_t tokens_version; /* shared_tokens.c; 0: none is known */
+    uint64_t tokens_version;         /* shared_tokens.c; 0: none is known */
+    struct token_task *token_writes; /* changes of it that are not in the database yet */
     bool reading_tokens, tokens_again;
     bool reading_keeps, keeps_again;
     struct owner_charge *charges; /* room_charges.c */

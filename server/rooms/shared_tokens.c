@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The list of tokens in the database of rooms: a change is written there before it is answered,
-// and every replica reads it when it is told of one. DATA/tokens.json is a copy, by which a
-// start without the database knows that tokens exist.
+// and every replica reads it when it is told of one. Changes are written one after another;
+// where another replica's came first, the list is read and the change is made in it. DATA/
+// tokens.json is a copy, by which a start without the database knows that tokens exist.
 #include "rooms/room_private.h"
 
 #include "core/log.h"
@@ -17,7 +18,11 @@ static const char list_name[] = "tokens";
 struct token_task {
     struct room_task task; // first
     struct rooms *rooms;
-    char *text; // of a write
+    // Of a write:
+    struct token_task *next;
+    char *text;
+    bool under_way; // else it waits for an earlier one, or for the list to be read
+    void (*apply)(void *user);
     void (*done)(void *user, int fault);
     void *user;
 };
@@ -47,6 +52,8 @@ static void free_task(struct token_task *t)
 
 // ---- reading
 
+static void list_is_read(struct rooms *rooms);
+
 static void keep_copy(struct rooms *rooms, const char *text)
 {
     char path[4096];
@@ -64,6 +71,7 @@ static void take_list(struct rooms *rooms, const struct room_task *task)
                  text ? fault : "not enough memory");
     } else {
         rooms->tokens_version = task->sequence;
+        for (struct token_task *t = rooms->token_writes; t; t = t->next) t->apply(t->user);
         keep_copy(rooms, text);
         ledger_update_quotas(server->ledger);
         connections_recheck(server, false);
@@ -80,6 +88,7 @@ static void list_read(struct room_task *task)
         take_list(rooms, task);
     free_task(t);
     if (rooms->tokens_again) tokens_changed(rooms);
+    else list_is_read(rooms);
 }
 
 void tokens_changed(struct rooms *rooms)
@@ -94,36 +103,77 @@ void tokens_changed(struct rooms *rooms)
 
 // ---- writing
 
+static void write_next(struct rooms *rooms);
+
+static void end_write(struct token_task *t, int fault)
+{
+    struct rooms *rooms = t->rooms;
+    rooms->token_writes = t->next;
+    t->done(t->user, fault);
+    free_task(t);
+    write_next(rooms);
+}
+
+// The first change came second to another replica's, and the list may have that now.
+static void list_is_read(struct rooms *rooms)
+{
+    struct token_task *t = rooms->token_writes;
+    if (!t || t->under_way) return;
+    if (rooms->tokens_version > t->task.sequence) write_next(rooms);
+    else end_write(t, EIO);
+}
+
 static void list_written(struct room_task *task)
 {
     struct token_task *t = (struct token_task *)task;
-    int fault = task->status == ROOM_TASK_DONE ? 0 : EIO;
-    if (task->status == ROOM_TASK_CONFLICT) {
-        fault = EAGAIN;
-        tokens_changed(t->rooms);
-    } else if (fault) {
+    struct rooms *rooms = t->rooms;
+    t->under_way = false;
+    if (task->status == ROOM_TASK_DONE) {
+        rooms->tokens_version = task->sequence + 1;
+        end_write(t, 0);
+    } else if (task->status != ROOM_TASK_CONFLICT) {
         log_line(LOG_ERR, "tokens cannot be written to the database: %s", task->error);
+        end_write(t, EIO);
+    } else if (rooms->tokens_version > task->sequence) { // it was read meanwhile
+        write_next(rooms);
     } else {
-        t->rooms->tokens_version++;
+        tokens_changed(rooms);
+        if (!rooms->reading_tokens) end_write(t, ENOMEM);
     }
-    t->done(t->user, fault);
-    free_task(t);
 }
 
-static void write_list(struct server *server, const char *text,
-                       void (*done)(void *user, int fault), void *user)
+static void write_next(struct rooms *rooms)
 {
-    struct token_task *t = new_task(server->rooms, ROOM_TASK_SET_TEXT, list_written);
-    if (!t || !(t->text = strdup(text))) {
-        free(t);
-        done(user, ENOMEM);
+    struct token_task *t = rooms->token_writes;
+    if (!t || t->under_way) return;
+    free(t->text);
+    t->text = rooms->stopping ? NULL : tokens_print(access_store(rooms->server->access));
+    if (!t->text) {
+        end_write(t, rooms->stopping ? ECANCELED : ENOMEM);
         return;
     }
     t->task.bytes = (const uint8_t *)t->text;
-    t->task.n = strlen(text);
+    t->task.n = strlen(t->text);
+    t->task.sequence = rooms->tokens_version;
+    t->under_way = true;
+    submit(t);
+}
+
+static void write_list(struct server *server, void (*apply)(void *user),
+                       void (*done)(void *user, int fault), void *user)
+{
+    struct rooms *rooms = server->rooms;
+    struct token_task *t = new_task(rooms, ROOM_TASK_SET_TEXT, list_written), **last;
+    if (!t) {
+        done(user, ENOMEM);
+        return;
+    }
+    t->apply = apply;
     t->done = done;
     t->user = user;
-    submit(t);
+    for (last = &rooms->token_writes; *last; last = &(*last)->next) continue;
+    *last = t;
+    if (rooms->token_writes == t) write_next(rooms);
 }
 
 // ---- the start

@@ -1,8 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: MIT
 # Two relightd on one PostgreSQL (deploy/cluster/with_postgres): a token that one made is the other's, and is
-# refused there within a second of its revocation; who is invited at one may enter at the other; rooms go
-# from SQLite to PostgreSQL and back, event by event.
+# refused there within a second of its revocation; both revoke at once; who is invited at one may enter at the
+# other; rooms go from SQLite to PostgreSQL and back, event by event.
 #   rooms.sh FOLDER_OF_THE_PROGRAMS
 set -u
 export USER=ann
@@ -84,6 +84,19 @@ ms=$((($(date +%s%N) - begin) / 1000000))
 [ $ms -lt 1000 ] || wrong "b refused the revoked token after $ms ms"
 until_true 5 eval '! kill -0 $open 2>/dev/null' || wrong "b keeps a connection of the revoked token"
 echo "a token of one replica is the other's; revoked, it is refused there after $ms ms"
+
+for i in 1 2 3 4 5 6; do ask "unix:$T/a.s" token create --name "t$i" --scope view || wrong "token create t$i"; done
+until_true 3 eval 'ask "unix:$T/b.s" token list && grep -q t6 out' || wrong "b does not know t6"
+revokers=()
+for i in 1 2 3 4 5 6; do
+    "$bin/relight" -s "unix:$T/$([ $((i % 2)) = 0 ] && echo a || echo b).s" token revoke "t$i" >"t$i.out" 2>&1 &
+    revokers+=($!)
+done
+for i in "${!revokers[@]}"; do wait "${revokers[i]}" || wrong "revoke t$((i + 1)): $(cat "t$((i + 1)).out")"; done
+for r in a b; do
+    until_true 3 eval 'ask "unix:$T/$r.s" token list && ! grep -q "t[1-6] " out' || wrong "$r has a revoked token"
+done
+echo "both replicas revoke at once"
 
 # ---- invitations
 ask "unix:$T/a.s" room invite "$room" guest --role viewer || ask "unix:$T/a.s" room invite "$room" || wrong "invite"

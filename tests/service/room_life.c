@@ -1132,6 +1132,57 @@ static void backup(void **unused)
     end();
 }
 
+// Sends TOKEN_CREATE or TOKEN_REVOKE of the token ti, with id i + 10.
+static void send_token_change(struct frames *f, unsigned i, bool revoke)
+{
+    Relight__TokenCreateRequest create = RELIGHT__TOKEN_CREATE_REQUEST__INIT;
+    Relight__TokenRevokeRequest gone = RELIGHT__TOKEN_REVOKE_REQUEST__INIT;
+    char name[8], *scope = "view";
+    snprintf(name, sizeof name, "t%u", i);
+    create.name = gone.name = name;
+    create.scopes = &scope;
+    create.n_scopes = 1;
+    frames_add(f, revoke ? RELIGHT_TYPE_TOKEN_REVOKE : RELIGHT_TYPE_TOKEN_CREATE, i + 10,
+               revoke ? &gone.base : &create.base, NULL, 0);
+    frames_send(f);
+}
+
+static unsigned count_tokens(struct frames *f)
+{
+    Relight__TokenListRequest list = RELIGHT__TOKEN_LIST_REQUEST__INIT;
+    frames_add(f, RELIGHT_TYPE_TOKEN_LIST, 2, &list.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 2);
+    assert_int_equal(r.code, 0);
+    unsigned n = (unsigned)((Relight__TokenListAnswer *)r.message)->n_tokens;
+    reply_free(&r);
+    return n;
+}
+
+// Changes of the list of tokens that come while an earlier one is being written are done, too.
+static void tokens_change_at_once(void **unused)
+{
+    enum { N = 6 };
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    for (int revoke = 0; revoke < 2; revoke++) {
+        for (unsigned i = 0; i < N; i++) send_token_change(f, i, revoke);
+        for (unsigned i = 0; i < N; i++) {
+            struct frames_answer a;
+            assert_true(frames_next(f, &a, 20000, NULL) && !a.closed);
+            if (a.code) fail_msg("token %d: %s", (int)a.id - 10, a.text);
+        }
+        assert_int_equal(count_tokens(f), revoke ? 0 : N);
+    }
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    assert_int_equal(count_tokens(f), 0);
+    frames_close(f);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -1157,6 +1208,7 @@ int main(void)
         cmocka_unit_test_teardown(a_restart_gives_other_participants, teardown),
         cmocka_unit_test_teardown(a_preview_is_drawn_alike_after_a_restart, teardown),
         cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
+        cmocka_unit_test_teardown(tokens_change_at_once, teardown),
         cmocka_unit_test_teardown(backup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
