@@ -209,7 +209,9 @@ bool access_is_current(const struct access *access, const struct caller *caller)
         return access->guest_current && access->guest_current(access->guests, caller->name);
     if (strncmp(caller->name, token_prefix, sizeof token_prefix - 1)) return true;
     const struct token *token = token_of(access, caller->name);
-    return token && !token->pending && !expired(token);
+    return token && !token->pending && !expired(token) &&
+           (sodium_is_zero(caller->token, TOKEN_HASH) ||
+            !sodium_memcmp(caller->token, token->hash, TOKEN_HASH));
 }
 
 static void sign(const struct token *token, const char *text, char out[44])
@@ -240,6 +242,7 @@ bool access_signature_is(const struct access *access, const char *name, const ch
     sign(token, text, right);
     if (sodium_memcmp(right, signature, sizeof right - 1)) return false;
     *out = (struct caller){.scopes = token->scopes & SCOPE_VIEW, .expires_s = token->expires_s};
+    memcpy(out->token, token->hash, TOKEN_HASH);
     snprintf(out->name, sizeof out->name, "%s", principal);
     return true;
 }
@@ -320,6 +323,7 @@ static enum access_verdict with_token(struct access *access, const char *secret,
     snprintf(out->name, sizeof out->name, "%s%s", token_prefix, t->name);
     out->scopes = t->scopes;
     out->expires_s = t->expires_s;
+    memcpy(out->token, t->hash, TOKEN_HASH);
     return ACCESS_GRANTED;
 }
 

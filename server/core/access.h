@@ -20,6 +20,7 @@ struct caller {
     char inviter[96];  /* of a guest: the principal whose limits its work counts to; else "" */
     unsigned scopes;   /* enum access_scope */
     int64_t expires_s; /* seconds since 1970; 0: never */
+    uint8_t token[TOKEN_HASH]; /* another may follow under its name; zeros: it showed none */
 };
 
 /* The principal that is charged for what the caller does. */

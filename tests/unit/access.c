@@ -293,6 +293,43 @@ static void test_pending_token(void **state)
     access_destroy(access);
 }
 
+// Who came with a token is not who comes with another of its name: one that a replica made
+// after it had revoked the first, or that --token-file has now.
+static void test_token_made_anew(void **state)
+{
+    const struct options options = {.local_scopes = "view"};
+    static const char *const word[2] = {"relight_first", "relight_second"};
+    struct access *access;
+    struct caller caller[2], shared[2];
+    char fault[256];
+    uint32_t retry_ms;
+    assert_int_equal(access_create(&options, NULL, &access, fault), 0);
+    for (int i = 0; i < 2; i++) {
+        struct token_store list = {0};
+        struct token token = {.name = "ann", .scopes = SCOPE_VIEW, .created_s = 1, .by = "x"};
+        token_hash(word[i], token.hash);
+        assert_non_null(token_add(&list, &token, fault));
+        char *text = tokens_print(&list);
+        assert_int_equal(access_replace(access, text, strlen(text), fault), 0);
+        free(text);
+        tokens_finish(&list);
+        access_set_default(access, i ? "sesame" : "barley");
+        assert_int_equal(access_check(access, "uid:7", word[i], &caller[i], fault, &retry_ms),
+                         ACCESS_GRANTED);
+        assert_int_equal(access_check(access, "uid:7", i ? "sesame" : "barley", &shared[i],
+                                      fault, &retry_ms),
+                         ACCESS_GRANTED);
+        for (int k = 0; k <= i; k++) {
+            assert_int_equal(access_is_current(access, &caller[k]), k == i);
+            assert_int_equal(access_is_current(access, &shared[k]), k == i);
+        }
+    }
+    // The daemon acts for the owner of a model, whatever token that has.
+    const struct caller owner = {.name = "token:ann", .scopes = SCOPE_VIEW};
+    assert_true(access_is_current(access, &owner));
+    access_destroy(access);
+}
+
 static unsigned n_looked_at;
 
 static enum access_verdict look_at_guest(void *user, const char *secret, struct caller *out,
@@ -408,6 +445,7 @@ int main(void)
         cmocka_unit_test(test_tokens_as_text),
         cmocka_unit_test(test_pending_token),
         cmocka_unit_test(test_most_tokens),
+        cmocka_unit_test(test_token_made_anew),
         cmocka_unit_test(test_guessed_invitations),
         cmocka_unit_test(test_revoked_invitations),
         cmocka_unit_test(test_expired_invitations),
