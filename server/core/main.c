@@ -111,7 +111,8 @@ static void on_signal(void *user, int signal_number)
         notify_reloading();
         bool required = access_required(server.access);
         configuration_reload(&server, arg_count, args);
-        if (!required && access_required(server.access)) connections_recheck(&server, true);
+        // Those of an earlier token, and without one where the first has come.
+        connections_recheck(&server, !required && access_required(server.access));
         notify_reloaded(&server);
         return;
     }

@@ -161,7 +161,7 @@ static void test_reload(void **state)
     // The command line goes before the file, at each reading.
     const char *const extra[] = {"--config", config, "--requests", "7", NULL};
     daemon_start(&d, extra);
-    struct relight_client *client;
+    struct relight_client *client, *own = client_open(d.address);
     struct relight_error error;
     struct relight_options options = {.token = "first"};
     OK(relight_connect(d.address, &options, &client, &error));
@@ -186,10 +186,18 @@ static void test_reload(void **state)
     assert_int_equal(count_in_log("second"), 0); // a secret
     double seconds;
     assert_int_equal(count_in_log(" event access "), 0);
-    OK(relight_ping(client, &seconds, &error)); // who is in stays in
+    OK(relight_ping(own, &seconds, &error)); // who is in without a token stays in
     assert_true(
         log_says(&d, " event access request=", 5000)); // requests are logged as it says now
+    assert_int_not_equal(relight_ping(client, &seconds, &error), 0); // its token has gone
     relight_close(client);
+    OK(relight_connect(d.address, &(struct relight_options){.token = "second"}, &client,
+                       &error));
+    assert_int_equal(kill(d.pid, SIGHUP), 0); // with the same token
+    assert_true(log_says(&d, "reload done changed=0", 5000));
+    OK(relight_ping(client, &seconds, &error));
+    relight_close(client);
+    relight_close(own);
     assert_int_equal(say_hello_with("first"), -RELIGHT_E_FORBIDDEN);
     assert_int_equal(say_hello_with("second"), 0);
     // A fault changes nothing.
