@@ -559,6 +559,15 @@ static bool matches(const char *pattern, const char *path, size_t *n_id, const c
     return *n_id < EXCHANGE_ID;
 }
 
+bool route_is_signable(const char *path)
+{
+    const char *ending;
+    size_t n;
+    for (size_t i = 0; i < N(routes); i++)
+        if (routes[i].signable && matches(routes[i].pattern, path, &n, &ending)) return true;
+    return false;
+}
+
 const struct route *route_find(struct exchange *x, struct http_problem *problem)
 {
     char allow[60] = "";

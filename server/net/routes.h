@@ -15,6 +15,9 @@ enum { COLORS_CSV = 4, COLORS_NPY, COLORS_N_FORMAT };
 /* false, with the problem, where a JSON body says another thing than the path or the query. */
 bool route_body_agrees(struct exchange *x, const cJSON *body, struct http_problem *problem);
 
+/* Whether a signed link may have the path: it is a picture's. */
+bool route_is_signable(const char *path);
+
 bool page_health(struct exchange *x, struct http_problem *problem);
 bool page_ready(struct exchange *x, struct http_problem *problem);
 bool page_metrics(struct exchange *x, struct http_problem *problem);

@@ -3,6 +3,7 @@
 #include "core/log.h"
 #include "net/dispatch.h"
 #include "net/request.h"
+#include "net/routes.h"
 #include "net/signed_url.h"
 #include "relight.pb-c.h"
 
@@ -68,6 +69,9 @@ void op_sign(struct request *request)
     struct http_head head;
     char error[300];
     const char *fault = signed_url_read(in->url, &head);
+    if (!fault && !route_is_signable(head.path))
+        fault = "links are for pictures, /v1/models/MODEL/image.ENDING or "
+                "/v1/environments/ENV/image.jpg";
     uint64_t lifetime_s = in->lifetime_s ? in->lifetime_s : DAY_S;
     if (fault) request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "url: %s", fault);
     else if (lifetime_s > SIGNED_MOST_S)

@@ -122,6 +122,9 @@ def urls_that_are_refused(d, shop):
             assert "broken %XX" in said, (url, said)
     for url in (PATH[1:], PATH + "#x", "http://x" + PATH):
         assert "expected a path of this daemon" in relight(d, "sign", url, token=shop, expect=1)
+    for other in ("/v1/models", "/v1/models/small", "/v1/models/small/colors", "/v1/rooms/r/image.png", "/metrics", "/",
+                  "/v1/models/small/image.jpg/x", "/v1/environments/studio/image.png"):
+        assert "links are for pictures" in relight(d, "sign", other, token=shop, expect=1), other
     assert "more parameters" in relight(d, "sign", PATH + "&a=1" * 500, token=shop, expect=1)
     # Other characters are kept, escaped or not.
     for good in ("%20", "%7E", "~", "%C3%A4", "+"):
