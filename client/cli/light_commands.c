@@ -32,12 +32,26 @@ int run_env(struct relight_client *client, struct options *options)
     return EXIT_DONE;
 }
 
+// Polynomial transport has the light of its bake, and takes no other.
+static bool has_own_light(struct relight_client *client, const char *model)
+{
+    struct relight_error error;
+    struct relight_model m;
+    if (relight_info(client, model, &m, &error)) return false;
+    bool own = !strcmp(m.engine, "polynomial");
+    relight_model_finish(&m);
+    return own;
+}
+
 // The lights of the command line, files uploaded. names[i] backs lights[i].env.
 static int get_lights(struct relight_client *client, struct options *o,
                       struct relight_light lights[MAX_WORDS], char names[MAX_WORDS][80])
 {
     struct relight_error error;
-    if (!o->n_env) return report_usage(o, "--env is missing");
+    if (!o->n_env && (o->n_rotate || o->n_gain))
+        return report_usage(o, "--rotate and --gain are for --env");
+    if (!o->n_env && !has_own_light(client, o->target))
+        return report_usage(o, "--env is missing");
     if (o->n_rotate > 1 && o->n_rotate != o->n_env)
         return report_usage(o, "%zu --rotate for %zu --env", o->n_rotate, o->n_env);
     if (o->n_gain > 1 && o->n_gain != o->n_env)

@@ -150,12 +150,29 @@ def turned_lights():
         print(run(sys.executable, os.path.join(HERE, 'picture_difference.py'), 'a.png', 'b.png', '2').said.strip())
 
 
+def own_light():
+    """A polynomial model keeps the light of its bake: no --env, and other media by edit."""
+    answers = []
+    for arguments in (['colors', 'fixed'], ['edit', 'fixed', '--material', 'skin1']):
+        relight(*arguments, '-o', 'fixed.npy')
+        with open('fixed.npy', 'rb') as f:
+            answers.append(f.read())
+    relight('image', 'fixed', '-o', 'fixed.png')
+    expect(answers[0] != answers[1], 'the material of a polynomial model changes nothing')
+    expect('no lights' in relight('image', 'fixed', '--env', 'constant', '-o', 'fixed.png', status=2).said,
+           'a polynomial model takes another light')
+    expect('--env is missing' in relight('image', 'free', '-o', 'free.png', status=2).said,
+           'a joint model needs a light')
+
+
 def every_option():
     prepare()
     glb('draft.glb', [], {})
     glb('free.glb', [], {})
     prt('bake', 'free.glb', '--size-mm', '20', '--transport', 'joint', '--samples', '500', '--cube', '16',
         '-o', 'models/free.prt')
+    prt('bake', 'free.glb', '--size-mm', '20', '--transport', 'polynomial', '--env', 'constant', '--samples', '500',
+        '--cube', '16', '-o', 'models/fixed.prt')
     with daemon('--models', 'models', '--data', 'data', '--preview-walks=no'):  # they come when they are ready
         relight('load', 'draft.glb', '--size-mm', '20', '--material', 'marble', '--preview')
         each_changes('image', 'draft', PREVIEW + SHADE, 'png', ['--engine', 'tangent'])
@@ -163,6 +180,7 @@ def every_option():
         turned_lights()
         each_changes('colors', 'free', BAKED, 'npy')
         each_changes('image', 'free', BAKED[:-2] + SHADE, 'png')
+        own_light()
 
 
 main(every_option)
