@@ -262,6 +262,8 @@ int run_load(struct relight_client *client, struct options *options)
                             "own: put it into its models folder and add --remote",
                             options->target);
     if (options->n_env > 1) return report_usage(options, "one --env at most");
+    if (options->n_rotate > options->n_env)
+        return report_usage(options, "--rotate is for --env: one for it at most");
     if (options->n_env) {
         if (relight_env_resolve(client, options->env[0], progress_bar, NULL, env, &error))
             return report_error(options, &error);
