@@ -354,6 +354,7 @@ void op_token_revoke(struct request *request)
     struct token_store *store = access_store(server->access);
     struct token *t = token_find(store, name);
     if (!t) {
+        request->hint = "`relight token list` lists the tokens";
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                      strcmp(name, "default") ? "%.64s: no such token"
                                              : "%s is the token of --token-file: change the "

@@ -28,10 +28,9 @@ int caller_role(const struct request *request, const struct room *room)
 
 void no_such_room(struct request *request, const char *id)
 {
+    request->hint = "`relight room list` lists your rooms";
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
-                 "%.40s: no such room, or you are no member of it: `relight room list` has "
-                 "yours",
-                 id);
+                 "%.40s: no such room, or you are no member of it", id);
 }
 
 static void there(struct room_waiter *waiter, struct room *room, int code, const char *error)

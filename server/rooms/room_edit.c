@@ -90,11 +90,14 @@ static void give_back(struct edit *edit)
 // ---- the end of an edit
 
 const char room_role_hint[] = "an owner of the room gives roles: `relight room member`";
+const char room_numbers_hint[] = "`relight room show` lists what the room has";
 
 static void refuse(struct edit *edit, int code, const char *error)
 {
     struct request *request = request_resume(&edit->wait);
     if (request && code == RELIGHT__ERROR_CODE__ERROR_FORBIDDEN) request->hint = room_role_hint;
+    if (request && code == RELIGHT__ERROR_CODE__ERROR_NOT_FOUND)
+        request->hint = room_numbers_hint;
     if (request) request_fail(request, code, "%s", error);
     edit_free(edit);
 }

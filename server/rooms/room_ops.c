@@ -423,6 +423,7 @@ static void picture(struct request *request, struct room *room)
     const Relight__Seen *seen;
     const Relight__Scene *scene = find_scene(room->state, in, &seen);
     if (!scene) {
+        request->hint = room_numbers_hint;
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                      "the room has no such pin, decision or revision");
         return;

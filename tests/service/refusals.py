@@ -16,7 +16,7 @@ from relight import connection  # noqa: E402
 from relight.messages import message  # noqa: E402
 
 # Types that the package does not send.
-for number, kind, name in ((20, 'SUBSCRIBE', 'Subscribe'), (26, 'PUT_POSE', 'PutPose'), (28, 'ROOM_CREATE', 'RoomCreate'),
+for number, kind, name in ((23, 'TOKEN_REVOKE', 'TokenRevoke'), (20, 'SUBSCRIBE', 'Subscribe'), (26, 'PUT_POSE', 'PutPose'), (28, 'ROOM_CREATE', 'RoomCreate'),
                            (31, 'ROOM_EDIT', 'RoomEdit')):
     connection.TYPES[kind] = (number, name)
     connection.NAMES[number] = 'Event' if kind == 'SUBSCRIBE' else name + 'Answer'
@@ -136,6 +136,11 @@ def rows():
     yield (*edit(), 'BAD_REQUEST', 'not exactly one action')
     yield (*edit(rename={}), 'LIMIT', "a room's name has 1 to 120 bytes")
     yield (*edit(reply={'target': 999, 'text': 'a'}), 'NOT_FOUND', '999')
+    # the remedy is that of the thing which is missing
+    yield (*edit(reply={'target': 999, 'text': 'a'}), 'NOT_FOUND', '`relight room show`')
+    yield 'ROOM_EDIT', 'RoomEditRequest', {'room': HASH[:32], 'action': {'save': {}}}, 'NOT_FOUND', '`relight room list`'
+    yield 'TOKEN_REVOKE', 'TokenRevokeRequest', {'name': 'nobody'}, 'NOT_FOUND', '`relight token list`'
+
 
 
 
