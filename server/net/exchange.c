@@ -158,7 +158,7 @@ void exchange_refuse(struct exchange *x, const struct http_problem *problem)
     log_line(LOG_EVENT, "refused request=%s op=%s %s status=%d text=\"%s\"", x->request_id,
              x->head.method, x->head.path, problem->status, problem->detail);
     if (problem->retry_after_ms)
-        exchange_field(x, "retry-after:", "%u", (problem->retry_after_ms + 999) / 1000);
+        exchange_field(x, "retry-after:", "%u", (problem->retry_after_ms - 1) / 1000 + 1);
     if (problem->status == 401)
         exchange_field(x, "www-authenticate:", "Bearer realm=\"relightd\"");
     exchange_field(x, "cache-control:", "no-store");

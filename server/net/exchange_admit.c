@@ -27,7 +27,7 @@ static bool identify(struct exchange *x, struct caller *caller, struct http_prob
         return true;
     http_refuse(problem, (int)refusal.status, refusal.status == 429 ? "busy" : "forbidden",
                 "%s", refusal.text);
-    problem->retry_after_ms = refusal.retry_after_s * 1000;
+    problem->retry_after_ms = refusal.retry_after_ms;
     if (refusal.status == 401)
         snprintf(problem->hint, sizeof problem->hint,
                  "send the header Authorization: Bearer TOKEN");

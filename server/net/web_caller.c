@@ -15,7 +15,7 @@ static bool refused(struct web_refusal *refusal, unsigned status, uint32_t retry
                     const char *who, const char *peer)
 {
     refusal->status = status;
-    refusal->retry_after_s = retry_ms / 1000 + (retry_ms % 1000 > 0);
+    refusal->retry_after_ms = retry_ms;
     log_line(LOG_EVENT, "audit act=refused who=%s peer=%s http=%u text=\"%s\"", who, peer,
              status, refusal->text);
     return false;

@@ -10,9 +10,9 @@
 /* An HTTP answer that refuses. 401 comes with `WWW-Authenticate: Bearer`, 429 with
  * Retry-After. */
 struct web_refusal {
-    unsigned status;        /* 401 no or wrong token, 403 missing scope, 429 too many */
-    unsigned retry_after_s; /* with 429 */
-    char text[256];         /* one line for the body */
+    unsigned status;         /* 401 no or wrong token, 403 missing scope, 429 too many */
+    uint32_t retry_after_ms; /* with 429 */
+    char text[256];          /* one line for the body */
 };
 
 /* Checks a request of the socket fd. authorization: the Authorization header ("Bearer TOKEN"),

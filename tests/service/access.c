@@ -665,6 +665,15 @@ static void test_rate(void **state)
     sleep_ms((int)error.retry_after_ms);
     assert_int_equal(relight_info(client, "none", &info, &error), -RELIGHT_E_NOT_FOUND);
     relight_close(client);
+    // The longest wait is not a short one.
+    quotas.rate = 1e-9;
+    create(admin, "still", work, 0, &quotas, secret);
+    snprintf(bearer, sizeof bearer, "Authorization: Bearer %s\r\n", secret);
+    for (n = 0; (status = get("/v1/models", bearer, text, sizeof text)) == 200;)
+        assert_true(++n < 50);
+    assert_int_equal(status, 429);
+    assert_non_null(strcasestr(text, "retry-after: 4294968\r\n"));
+    assert_non_null(strstr(text, "\"retry_after_ms\":4294967295"));
     relight_close(admin);
     assert_int_equal(daemon_stop(&d), 0);
 }
