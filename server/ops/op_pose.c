@@ -150,8 +150,9 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
     if (p->base && p->base->n != prt_file_transport(file->value)->mesh.n_vertex) {
         failed = true;
         code = RELIGHT__ERROR_CODE__ERROR_MISMATCH;
-        snprintf(error, sizeof error, "base_pose has %u vertices: it is of another model",
-                 p->base->n);
+        snprintf(error, sizeof error,
+                 "base_pose has %u vertices, %.100s has %u: it is of another model", p->base->n,
+                 m->name, prt_file_transport(file->value)->mesh.n_vertex);
     }
     if (!failed && in->n) failed = !(p->bytes = request_take_payload(request));
     if (failed) {

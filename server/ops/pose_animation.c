@@ -105,32 +105,39 @@ static void check_next(struct animating *a)
     }
 }
 
-// NULL, or what is wrong with the message.
-static const char *fault_of(const struct request *request, const Relight__PutPoseRequest *in)
+// False: the request was answered with what is wrong with its message.
+static bool is_fine(struct request *request, const Relight__PutPoseRequest *in)
 {
-    if (!(in->time_s >= 0 && in->time_s <= 1e9f)) return "time_s: allowed range 0 to 1e9 s";
-    if (strlen(in->animation) >= sizeof((struct animating *)0)->animation)
-        return "animation: the name has more than 63 bytes";
-    if (!in->n_files || in->n_files > MAX_FILES)
-        return "files: the glTF of the model and its buffers, 1 to 64 files";
-    for (size_t i = 0; i < in->n_files; i++) {
-        if (!load_safe_name(in->files[i]->name))
-            return "files: a name is no plain relative path";
-        if (!relight_hash_valid(in->files[i]->blob) ||
-            !blobs_has(request->server->blobs, in->files[i]->blob))
-            return "files: a blob was not uploaded";
+    const char *fault = NULL;
+    if (!(in->time_s >= 0 && in->time_s <= 1e9f)) fault = "time_s: allowed range 0 to 1e9 s";
+    else if (strlen(in->animation) >= sizeof((struct animating *)0)->animation)
+        fault = "animation: the name has more than 63 bytes";
+    else if (!in->n_files || in->n_files > MAX_FILES)
+        fault = "files: the glTF of the model and its buffers, 1 to 64 files";
+    if (fault) request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "%s", fault);
+    for (size_t i = 0; !fault && i < in->n_files; i++) {
+        const Relight__FileRef *f = in->files[i];
+        int code = 0;
+        if (!load_safe_name(f->name)) {
+            fault = "the name is not a plain relative path";
+            code = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
+        } else if (!blobs_has(request->server->blobs, f->blob)) {
+            fault = "its blob was not uploaded";
+            code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        }
+        if (fault) request_fail(request, code, "files[%zu] %.100s: %s", i, f->name, fault);
     }
-    return NULL;
+    return !fault;
 }
 
 void pose_animate(struct request *request, pose_animated_fn fn, void *user)
 {
     const Relight__PutPoseRequest *in = (const Relight__PutPoseRequest *)request->message;
-    const char *fault = fault_of(request, in);
-    struct animating *a = fault ? NULL : calloc(1, sizeof *a);
+    const bool fine = is_fine(request, in);
+    struct animating *a = fine ? calloc(1, sizeof *a) : NULL;
     if (!a) {
-        if (fault) request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "%s", fault);
-        else request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        if (fine)
+            request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         fn(user, NULL, NULL);
         return;
     }

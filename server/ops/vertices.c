@@ -26,27 +26,36 @@ static float scale_of(const struct vertex_change *change, const struct prt_mesh 
     return change->own_units && mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1;
 }
 
-static bool all_within(const float *x, size_t n, float limit)
+// The number of leading vertices whose numbers are within the limit.
+static size_t count_within(const float *x, size_t n, float limit)
 {
-    for (size_t i = 0; i < n; i++)
-        if (!(fabsf(x[i]) <= limit)) return false; // catches NaN
-    return true;
+    size_t i = 0;
+    while (i < 3 * n && fabsf(x[i]) <= limit) i++; // a NaN is not
+    return i / 3;
 }
 
 bool vertices_bad(const struct vertex_change *change, const struct prt_mesh *mesh,
                   const char *name, char error[256])
 {
-    size_t n = 3 * (size_t)change->n;
+    size_t n = change->n, good = n, good_normals = n;
     uint64_t end = (uint64_t)change->first + change->n;
     error[0] = 0;
+    if (end <= mesh->n_vertex)
+        good = count_within(change->values, n, farthest_mm / scale_of(change, mesh));
+    if (end <= mesh->n_vertex && change->has_normals)
+        good_normals = count_within(change->values + 3 * n, n, 1e9f);
     if (end > mesh->n_vertex)
         snprintf(error, 256, "first+n is %llu, allowed range 0 to %u: the vertices of %.100s",
                  (unsigned long long)end, mesh->n_vertex, name);
-    else if (!all_within(change->values, n, farthest_mm / scale_of(change, mesh)))
+    else if (good < n)
         snprintf(error, 256,
-                 "a position is no number or too large, allowed range -1e6 to 1e6 mm");
-    else if (change->has_normals && !all_within(change->values + n, n, 1e9f))
-        snprintf(error, 256, "a normal is no number or too large, allowed range -1e9 to 1e9");
+                 "vertex %zu: its position is no number or too large, allowed range -1e6 to "
+                 "1e6 mm",
+                 change->first + good);
+    else if (good_normals < n)
+        snprintf(error, 256,
+                 "vertex %zu: its normal is no number or too large, allowed range -1e9 to 1e9",
+                 change->first + good_normals);
     return error[0];
 }
 

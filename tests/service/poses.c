@@ -224,11 +224,11 @@ static void poses_that_are_refused(void **state)
            RELIGHT_E_BAD_REQUEST, &error, "64 lower-case");
     moved[2][1] = NAN;
     expect(relight_put_pose(a, model, NULL, 0, N, moved[0], NULL, false, pose, &error),
-           RELIGHT_E_OUT_OF_RANGE, &error, "position");
+           RELIGHT_E_OUT_OF_RANGE, &error, "vertex 2: its position");
     moved[2][1] = 1;
     normal[3][0] = INFINITY;
     expect(relight_put_pose(a, model, NULL, 0, N, moved[0], normal[0], false, pose, &error),
-           RELIGHT_E_OUT_OF_RANGE, &error, "normal");
+           RELIGHT_E_OUT_OF_RANGE, &error, "vertex 3: its normal");
     normal[3][0] = 0;
     OK(relight_put_pose(a, model, NULL, 0, N, moved[0], normal[0], false, pose, &error));
     OK(picture(a, pose, hash, &error));

@@ -140,6 +140,10 @@ def rows():
     yield (*edit(reply={'target': 999, 'text': 'a'}), 'NOT_FOUND', '`relight room show`')
     yield 'ROOM_EDIT', 'RoomEditRequest', {'room': HASH[:32], 'action': {'save': {}}}, 'NOT_FOUND', '`relight room list`'
     yield 'TOKEN_REVOKE', 'TokenRevokeRequest', {'name': 'nobody'}, 'NOT_FOUND', '`relight token list`'
+    for files, code, said in (
+            ([{'name': 'x.obj', 'blob': BLOB}, {'name': 'y.bin', 'blob': HASH}], 'NOT_FOUND', 'files[1] y.bin: its blob was not'),
+            ([{'name': '../x', 'blob': BLOB}], 'BAD_REQUEST', 'files[0] ../x: the name is not a plain')):
+        yield 'PUT_POSE', 'PutPoseRequest', {'model': 'x', 'animation': 'walk', 'files': files}, code, said
 
 
 
