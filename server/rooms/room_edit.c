@@ -142,6 +142,15 @@ static void audit(const struct edit *edit)
                  a->close->closed ? "close" : "open", who, room);
 }
 
+// A snapshot may have events that are on their way: the store takes it after them, or not at
+// all. Where replicas share the store another's events may take their sequences, and the store
+// would take a state that never was: there it waits until nothing is on its way.
+static bool snapshot_due(const struct room *room)
+{
+    bool due = room->committed >= room->snapshot + ROOM_SNAPSHOT_EVENTS;
+    return due && (!room->rooms->store->shared || room->state->sequence == room->committed);
+}
+
 static void committed(struct edit *edit)
 {
     struct room *room = edit->room;
@@ -163,9 +172,7 @@ static void committed(struct edit *edit)
     }
     seats_wake(room);
     readers_check(room);
-    // It may have events that are on their way: the store takes it after them, or not at all.
-    if (!room->stale && room->state && room->committed >= room->snapshot + ROOM_SNAPSHOT_EVENTS)
-        room_write_snapshot(room);
+    if (!room->stale && room->state && snapshot_due(room)) room_write_snapshot(room);
 }
 
 // It starts again once the room is read, or its request fails.

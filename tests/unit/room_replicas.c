@@ -386,6 +386,32 @@ static void a_slow_copy_is_kept(void **unused)
     end();
 }
 
+// A snapshot has events that are in the log alone: one on its way may find its sequence taken
+// by another replica's, and the store could not tell the two states apart.
+static void a_snapshot_of_the_log_alone(void **unused)
+{
+    struct person p;
+    struct entry log[ROOM_SNAPSHOT_EVENTS - 1] = {started(ann)};
+    for (size_t i = 1; i < ROOM_SNAPSHOT_EVENTS - 1; i++)
+        log[i] = renamed(ann, i % 2 ? theirs : mine);
+    begin();
+    store.shared = true;
+    come(&p, ann);
+    rename_room(&p);
+    give_log(log, ROOM_SNAPSHOT_EVENTS - 1);
+    rename_room(&p);
+    end_task(take(ROOM_TASK_APPEND), ROOM_TASK_DONE);
+    assert_null(take(ROOM_TASK_SNAPSHOT));
+    end_task(take(ROOM_TASK_APPEND), ROOM_TASK_DONE);
+    struct room_task *snapshot = take(ROOM_TASK_SNAPSHOT);
+    assert_non_null(snapshot);
+    assert_int_equal(snapshot->sequence, ROOM_SNAPSHOT_EVENTS + 1);
+    end_task(snapshot, ROOM_TASK_DONE);
+    assert_int_equal(p.error, 0);
+    store.shared = false;
+    end();
+}
+
 // All events of a room are given back with it, however many they were.
 static void charges_add_up(void **unused)
 {
@@ -456,6 +482,7 @@ int main(void)
         cmocka_unit_test(a_room_that_is_deleted),
         cmocka_unit_test(a_room_that_was_not_charged),
         cmocka_unit_test(a_slow_copy_is_kept),
+        cmocka_unit_test(a_snapshot_of_the_log_alone),
         cmocka_unit_test(charges_add_up),
         cmocka_unit_test(rooms_of_others_are_counted),
     };
