@@ -129,9 +129,18 @@ static void add_seen(cJSON *to, const Relight__Seen *seen)
     cJSON_AddStringToObject(to, "picture_hash", seen->picture_hash);
 }
 
-static char *describe(const Relight__RoomState *state, const Relight__Stamp *stamp,
-                      const char *kind)
+// NULL: nobody is told of such an event.
+static const char *kind_of(const Relight__RoomEvent *event)
 {
+    return event->action->pin ? "pin" : event->action->decide ? "decision" : NULL;
+}
+
+char *hooks_describe(const struct hooks *h, const Relight__RoomState *state,
+                     const Relight__RoomEvent *event)
+{
+    const char *kind = kind_of(event);
+    const Relight__Stamp *stamp = event->stamp;
+    if (!h || !kind) return NULL;
     const Relight__Pin *pin = room_pin(state, stamp->sequence);
     const Relight__Decision *decision = room_decision(state, stamp->sequence);
     cJSON *json = cJSON_CreateObject();
@@ -154,22 +163,22 @@ static char *describe(const Relight__RoomState *state, const Relight__Stamp *sta
     return text;
 }
 
-void hooks_event(struct hooks *h, const Relight__RoomState *state,
-                 const Relight__RoomEvent *event)
+void hooks_event(struct hooks *h, const char *room, const Relight__RoomEvent *event, char *body)
 {
-    const char *kind = event->action->pin ? "pin" : event->action->decide ? "decision" : NULL;
-    if (!h || !kind || !state) return;
-    struct delivery *d = h->n < MOST_WAITING ? calloc(1, sizeof *d) : NULL;
-    if (!d || !(d->body = describe(state, event->stamp, kind))) {
-        free(d);
-        log_line(LOG_WARN, "hook event=%s room=%s: %u others wait, it is not sent", kind,
-                 state->room, h->n);
+    const char *kind = kind_of(event);
+    if (!h || !kind) return;
+    struct delivery *d = body && h->n < MOST_WAITING ? calloc(1, sizeof *d) : NULL;
+    if (!d) {
+        free(body);
+        log_line(LOG_WARN, "hook event=%s room=%s: %u others wait, it is not sent", kind, room,
+                 h->n);
         return;
     }
+    d->body = body;
     d->message.handle = ended;
     d->hooks = h;
     snprintf(d->kind, sizeof d->kind, "%s", kind);
-    snprintf(d->id, sizeof d->id, "%.32s-%llu", state->room,
+    snprintf(d->id, sizeof d->id, "%.32s-%llu", room,
              (unsigned long long)event->stamp->sequence);
     h->n++;
     pthread_mutex_lock(&h->lock);

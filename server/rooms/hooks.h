@@ -17,9 +17,15 @@ int hooks_create(struct server *server, struct hooks **out, char fault[256]);
 /* Ends what is being sent; NULL is fine. */
 void hooks_destroy(struct hooks *hooks);
 
-/* An event is on the disk, and `state` includes it. hooks may be NULL: nobody is told. */
-void hooks_event(struct hooks *hooks, const Relight__RoomState *state,
-                 const Relight__RoomEvent *event);
+/* What is told of an event that `state` has just taken, for hooks_event; to be freed. NULL
+ * without memory, or where nobody is told: hooks is NULL, or the event is neither a pin nor a
+ * decision. */
+char *hooks_describe(const struct hooks *hooks, const Relight__RoomState *state,
+                     const Relight__RoomEvent *event);
+/* The event is on the disk: sends what hooks_describe gave for it, which it takes. hooks may be
+ * NULL. */
+void hooks_event(struct hooks *hooks, const char *room, const Relight__RoomEvent *event,
+                 char *body);
 
 /* The value of the header X-Relight-Signature: "sha256=" and the HMAC-SHA256 of the body under
  * the key, 64 hex digits. */

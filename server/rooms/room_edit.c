@@ -24,6 +24,7 @@ struct edit {
     struct room_summary summary;
     bool has_summary;
     char *keeps;    // what the room needs from here on; NULL: as before
+    char *told;     // by hooks: the state may have later events once this one is on the disk
     uint8_t *bytes; // the packed event
     size_t n;
     uint64_t charged;
@@ -37,6 +38,7 @@ static void edit_free(struct edit *edit)
     summary_finish(&edit->summary);
     free(edit->bytes);
     free(edit->keeps);
+    free(edit->told);
     memset(edit->secret, 0, sizeof edit->secret);
     free(edit);
 }
@@ -160,7 +162,8 @@ static void committed(struct edit *edit)
     room_keep_event(room, room->committed, edit->bytes, edit->n);
     edit->bytes = NULL;
     audit(edit);
-    hooks_event(rooms->hooks, room->state, edit->event);
+    hooks_event(rooms->hooks, room->id, edit->event, edit->told);
+    edit->told = NULL;
     answer(edit);
     if (edit->has_summary) {
         if (!guests_replace(&rooms->guests, room->id, edit->summary.invite,
@@ -289,6 +292,8 @@ static void begin(struct edit *edit)
         snprintf(error, sizeof error, "not enough memory");
     }
     if (!code) {
+        free(edit->told);
+        edit->told = hooks_describe(room->rooms->hooks, room->state, edit->event);
         submit(edit);
         return;
     }

@@ -11,6 +11,7 @@ import queue
 import shutil
 import socket
 import ssl
+import struct
 import subprocess
 import sys
 import tempfile
@@ -28,14 +29,15 @@ def fail(text):
 
 class Hook(http.server.BaseHTTPRequestHandler):
     """The status that the room is called by, or 503, to the first of each delivery, then 204."""
-    seen, got, last = [], queue.Queue(), ''
+    seen, told, got, last = [], [], queue.Queue(), ''
 
     def do_POST(self):
         body = self.rfile.read(int(self.headers['Content-Length']))
         delivery = self.headers['X-Relight-Delivery']
         first = delivery not in self.seen
         self.seen.append(delivery)
-        name = Hook.last = json.loads(body)['room_name']
+        self.told.append(json.loads(body))
+        name = Hook.last = self.told[-1]['room_name']
         self.send_response(204 if not first else int(name) if name.isdigit() else 503)
         self.end_headers()
         if not first:
@@ -147,6 +149,50 @@ def statuses(daemon):
         Hook.got.get()
 
 
+def part(number, value):
+    """A field of a message: bytes, or a number."""
+    if isinstance(value, int):
+        return bytes([number << 3]) + size(value)
+    return bytes([number << 3 | 2]) + size(len(value)) + value
+
+
+def size(n):
+    return (bytes([n & 127 | 128]) + size(n >> 7)) if n > 127 else bytes([n])
+
+
+def frame(kind, request, header):
+    return b'RLGT' + struct.pack('<BBHQIIQ', 1, 2, kind, request, len(header), 0, 0) + header
+
+
+def told_as_it_was(daemon):
+    """A message is about its event, whatever has followed it by the time it is on the disk."""
+    room = daemon.relight('room', 'create', '200', '--model', 'small', '--env', 'constant:1,1,1', '--size',
+                          '64x48').strip()
+    stream = frame(1, 1, part(1, b'test') + part(2, 1) + part(3, 1))
+    for i in range(10):
+        for j, action in enumerate((part(8, part(1, b'as written') + part(2, b'')),  # a pin, its text, another name of the room
+                       part(10, part(1, 2 + 3*i) + part(2, b'as changed')), part(2, part(1, b'%d' % (201 + i))))):
+            stream += frame(31, 2 + 3*i + j, part(1, room.encode()) + part(2, action))
+    with socket.socket(socket.AF_UNIX) as s:
+        s.connect(daemon.folder + '/s')
+        s.sendall(stream)
+        for _ in range(1000):
+            if sum(told['room'] == room for told in Hook.told) == 10:
+                break
+            time.sleep(0.02)
+        else:
+            fail('of 10 pins: %s' % Hook.told)
+    name, was = '', {}
+    for line in daemon.relight('room', 'log', room, '--json').splitlines():
+        event = json.loads(line)
+        kind = event['action']
+        name = (kind.get('start') or kind.get('rename') or {'name': name})['name']
+        was[int(event['stamp']['sequence'])] = name
+    for told in Hook.told:
+        if told['room'] == room and (told['room_name'], told.get('text')) != (was[told['sequence']], 'as written'):
+            fail('of %s in the room %s: %s' % (told['sequence'], was[told['sequence']], told))
+
+
 def main():
     folder = tempfile.mkdtemp()
     try:
@@ -186,6 +232,7 @@ def main():
         if told['verdict'] != 'rejected':
             fail('of a rejection: %s' % told)
         statuses(d)
+        told_as_it_was(d)
         d.stop()
 
         # Nobody whom this daemon trusts has signed the server's certificate.
