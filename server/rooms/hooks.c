@@ -113,10 +113,19 @@ static void ended(struct loop_message *message)
 
 // ---- what is told
 
+// cJSON writes a large number that ends with a zero as 1.5e+15, which is none for readers of
+// whole numbers.
+static void add_whole(cJSON *to, const char *field, uint64_t number)
+{
+    char text[24];
+    snprintf(text, sizeof text, "%llu", (unsigned long long)number);
+    cJSON_AddRawToObject(to, field, text);
+}
+
 static void add_stamp(cJSON *to, const Relight__Stamp *stamp)
 {
-    cJSON_AddNumberToObject(to, "sequence", (double)stamp->sequence);
-    cJSON_AddNumberToObject(to, "time_us", (double)stamp->time_us);
+    add_whole(to, "sequence", stamp->sequence);
+    add_whole(to, "time_us", stamp->time_us);
     cJSON_AddStringToObject(to, "by", stamp->by);
     cJSON_AddStringToObject(to, "name", stamp->name);
 }

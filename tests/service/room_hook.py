@@ -189,6 +189,8 @@ def told_as_it_was(daemon):
         name = (kind.get('start') or kind.get('rename') or {'name': name})['name']
         was[int(event['stamp']['sequence'])] = name
     for told in Hook.told:
+        if not isinstance(told['time_us'], int):
+            fail('time_us is no whole number: %s' % told)
         if told['room'] == room and (told['room_name'], told.get('text')) != (was[told['sequence']], 'as written'):
             fail('of %s in the room %s: %s' % (told['sequence'], was[told['sequence']], told))
 
