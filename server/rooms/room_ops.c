@@ -289,8 +289,9 @@ void op_room_get(struct request *request)
 
 // ---- ROOM_EDIT
 
-// The same action, with what was seen.
-static void edit_seen(struct request *request, struct room *room, const Relight__Seen *seen)
+// The same action, with the scene and what was seen of it.
+static void edit_seen(struct request *request, struct room *room, Relight__Scene *scene,
+                      const Relight__Seen *seen)
 {
     Relight__RoomAction action = *MESSAGE(RoomEditRequest)->action;
     Relight__PutPin pin;
@@ -298,10 +299,12 @@ static void edit_seen(struct request *request, struct room *room, const Relight_
     if (action.pin) {
         pin = *action.pin;
         pin.seen = (Relight__Seen *)(uintptr_t)seen;
+        pin.scene = scene;
         action.pin = &pin;
     } else {
         decide = *action.decide;
         decide.seen = (Relight__Seen *)(uintptr_t)seen;
+        decide.scene = scene;
         action.decide = &decide;
     }
     room_edit(request, room, &action, caller_role(request, room));

@@ -252,9 +252,10 @@ Relight__Engine engine_for(const struct server *server, const char *id,
  * names are here: another replica may have them. */
 void fetch_scene_then(struct request *request, const ProtobufCMessage *scene,
                       void (*run)(struct request *request));
-/* Fills in what made the picture of a scene, then calls fn with it; else answers the request.
- */
-typedef void (*seen_fn)(struct request *request, struct room *room, const Relight__Seen *seen);
+/* Fills in what made the picture of a scene, then calls fn with both; else answers the request.
+ * The room may show another scene by then. */
+typedef void (*seen_fn)(struct request *request, struct room *room, Relight__Scene *scene,
+                        const Relight__Seen *seen);
 void find_seen(struct request *request, struct room *room, const Relight__Scene *scene,
                seen_fn fn);
 

@@ -59,7 +59,7 @@ static void fill_and_go(struct seen_wait *w, struct request *request)
     seen.engine = engine_for(request->server, w->scene->model, w->scene->shade);
     if (!seen.engine && baked && t->engine < 3)
         seen.engine = (Relight__Engine)engines[t->engine];
-    w->fn(request, w->room, &seen);
+    w->fn(request, w->room, w->scene, &seen);
 }
 
 static void opened(struct request_wait *wait, struct request *request)

@@ -766,6 +766,39 @@ static int info_code(struct frames *f, const char *model)
     return code;
 }
 
+// A decision without a scene is about the one that the room showed when it came, also where
+// another follows while the model's file is opened.
+static void a_decision_has_one_scene(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    char room[33], first[ID_SIZE], second[ID_SIZE];
+    load_preview(client, "2", first);
+    load_preview(client, "3", second);
+    room_create(f, "quick", room);
+    show_model(f, room, first);
+    OK(relight_unload(client, first, RELIGHT_KEEP_BAKE, NULL, &error)); // it has to be opened
+    Relight__Decide decide = RELIGHT__DECIDE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    action.decide = &decide;
+    room_add_edit(f, 8, room, &action, "Ann", "", 0);
+    show_model(f, room, second);
+    for (Relight__RoomState *s;; free_state(s)) {
+        s = room_state(f, room, NULL, NULL);
+        if (!s->n_decisions) continue;
+        assert_string_equal(s->decisions[0]->seen->model, first);
+        assert_string_equal(s->revisions[0]->scene->model, first);
+        assert_string_equal(s->scene->model, second);
+        free_state(s);
+        break;
+    }
+    relight_close(client);
+    frames_close(f);
+    end();
+}
+
 // A guest sees the models of the room's scene and of its revisions, and no other.
 static void a_guest_sees_the_rooms_models(void **unused)
 {
@@ -1198,6 +1231,7 @@ int main(void)
         cmocka_unit_test_teardown(a_new_role_is_seen, teardown),
         cmocka_unit_test_teardown(guests, teardown),
         cmocka_unit_test_teardown(the_list_tells_roles, teardown),
+        cmocka_unit_test_teardown(a_decision_has_one_scene, teardown),
         cmocka_unit_test_teardown(a_guest_sees_the_rooms_models, teardown),
         cmocka_unit_test_teardown(rooms_are_counted, teardown),
         cmocka_unit_test_teardown(refused_rooms_do_not_count, teardown),
