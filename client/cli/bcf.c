@@ -66,7 +66,7 @@ static void put_comment(FILE *out, const cJSON *state, const cJSON *note, const 
     put_element(out, "Date", date);
     put_element(out, "Author", author_of(stamp));
     put_element(out, "Comment", text_of(note, "text"));
-    fprintf(out, "<Viewpoint Guid=\"%s\"/>\n", viewpoint);
+    if (viewpoint) fprintf(out, "<Viewpoint Guid=\"%s\"/>\n", viewpoint);
     if (number_of(note, "changed_us") > 0) {
         print_utc(date, number_of(note, "changed_us"));
         put_element(out, "ModifiedDate", date);
@@ -75,6 +75,7 @@ static void put_comment(FILE *out, const cJSON *state, const cJSON *note, const 
     fputs("</Comment>\n", out);
 }
 
+// viewpoint: NULL for none.
 static void put_markup(FILE *out, const cJSON *state, const cJSON *pin, const char *topic,
                        const char *viewpoint)
 {
@@ -96,10 +97,12 @@ static void put_markup(FILE *out, const cJSON *state, const cJSON *pin, const ch
           out);
     cJSON_ArrayForEach(note, notes) if (*text_of(note, "text"))
         put_comment(out, state, note, viewpoint);
-    fprintf(out,
-            "<Viewpoints Guid=\"%s\"><Viewpoint>viewpoint.bcfv</Viewpoint>"
-            "<Snapshot>snapshot.png</Snapshot></Viewpoints>\n</Markup>\n",
-            viewpoint);
+    if (viewpoint)
+        fprintf(out,
+                "<Viewpoints Guid=\"%s\"><Viewpoint>viewpoint.bcfv</Viewpoint>"
+                "<Snapshot>snapshot.png</Snapshot></Viewpoints>\n",
+                viewpoint);
+    fputs("</Markup>\n", out);
 }
 
 static void put_vector(FILE *out, const char *name, const double v[3])
@@ -180,18 +183,16 @@ static double metres_per_unit(struct room_call *c, const cJSON *pin)
     return mm > 0 ? mm * 1e-3 : 1e-3;
 }
 
-static int add_topic(struct room_call *c, struct zip_writer *zip, const cJSON *state,
-                     const cJSON *pin)
+// The picture, and the camera that drew it. False: it is not drawn.
+static bool add_view(struct room_call *c, struct zip_writer *zip, const cJSON *pin,
+                     const char *topic, const char *viewpoint)
 {
-    double sequence = number_of(list_of(pin, "stamp"), "sequence");
-    struct relight_room_view view = {.pin = (uint64_t)sequence, .format = RELIGHT_IMAGE_PNG};
+    struct relight_room_view view = {.format = RELIGHT_IMAGE_PNG};
     struct relight_image image;
     struct text_file file;
-    char topic[40], viewpoint[40], path[120];
-    guid_of(topic, state, 0, sequence);
-    guid_of(viewpoint, state, 1, sequence);
-    if (relight_room_picture(c->client, c->room, &view, &image, &c->error))
-        return room_failed(c);
+    char path[120];
+    view.pin = (uint64_t)number_of(list_of(pin, "stamp"), "sequence");
+    if (relight_room_picture(c->client, c->room, &view, &image, &c->error)) return false;
     snprintf(path, sizeof path, "%s/snapshot.png", topic);
     zip_add(zip, path, image.data, image.n_byte);
     if (open_text(zip, &file)) {
@@ -199,8 +200,23 @@ static int add_topic(struct room_call *c, struct zip_writer *zip, const cJSON *s
         add_text(zip, topic, "viewpoint.bcfv", &file);
     }
     relight_image_finish(&image);
+    return true;
+}
+
+static int add_topic(struct room_call *c, struct zip_writer *zip, const cJSON *state,
+                     const cJSON *pin)
+{
+    double sequence = number_of(list_of(pin, "stamp"), "sequence");
+    struct text_file file;
+    char topic[40], viewpoint[40], path[120];
+    guid_of(topic, state, 0, sequence);
+    guid_of(viewpoint, state, 1, sequence);
+    bool drawn = add_view(c, zip, pin, topic, viewpoint);
+    snprintf(path, sizeof path, "the view of pin %.0f in pins.bcf", sequence);
+    int status = drawn ? EXIT_DONE : room_left_out(c, path);
+    if (status) return status;
     if (open_text(zip, &file)) {
-        put_markup(file.stream, state, pin, topic, viewpoint);
+        put_markup(file.stream, state, pin, topic, drawn ? viewpoint : NULL);
         add_text(zip, topic, "markup.bcf", &file);
     }
     cJSON *record = pin_record(state, pin);

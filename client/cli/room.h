@@ -13,6 +13,7 @@ struct room_call {
     const char *me;          /* display name */
     const char *const *word; /* after the room, or after the verb */
     unsigned n_word;
+    unsigned n_left_out; /* export: parts that could not be made */
 };
 
 /* Each returns an exit status after reporting. */
@@ -108,8 +109,14 @@ const char *room_model_change(const cJSON *decision, const struct room_now *now)
 /* Whether the room still shows the revision, mesh and bake that the decision was made about. */
 bool room_stands(const cJSON *decision, const struct room_now *now);
 
+/* room_export.c: a part of an export failed with c->error. Where the fault is in the part
+ * itself (its model is gone, say) it is told and counted, and EXIT_DONE lets the export go on.
+ */
+int room_left_out(struct room_call *c, const char *name);
+
+enum { ROOM_NOT_DRAWN = -1 }; /* instead of an exit status; c->error says why */
 /* room_compare.c: a decision's picture against the scene now, as a sheet in a PNG file; prints
- * the numbers. */
+ * the numbers. Also ROOM_NOT_DRAWN. */
 int room_write_change(struct room_call *c, uint64_t decision, const char *path);
 
 /* room_strokes.c: a pin's picture with its strokes, in a PNG file; without strokes nothing. */

@@ -69,7 +69,7 @@ static int draw(struct room_call *c, struct side *s)
 {
     s->view.format = RELIGHT_IMAGE_RGB8;
     if (relight_room_picture(c->client, c->room, &s->view, &s->image, &c->error))
-        return room_failed(c);
+        return ROOM_NOT_DRAWN;
     if (s->image.n_byte >= 3 * (uint64_t)s->image.width * s->image.height) return EXIT_DONE;
     return report_usage(c->options, "the daemon's picture is too short: update the client");
 }
@@ -178,7 +178,8 @@ int room_compare(struct room_call *c)
     if (!status)
         status = c->n_word ? read_side(c, c->word[0], &side[0])
                            : decision_side(c, &side[0], &side[1]);
-    return status ? status : compare_sides(c, path, layout, side);
+    if (!status) status = compare_sides(c, path, layout, side);
+    return status == ROOM_NOT_DRAWN ? room_failed(c) : status;
 }
 
 int room_write_change(struct room_call *c, uint64_t decision, const char *path)

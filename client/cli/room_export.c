@@ -43,14 +43,29 @@ static int write_json(struct room_call *c, const char *name, const cJSON *json)
 
 // ---- pictures
 
+int room_left_out(struct room_call *c, const char *name)
+{
+    static const int of_it[] = {
+        RELIGHT_E_NOT_FOUND, RELIGHT_E_LIMIT,       RELIGHT_E_FORMAT,      RELIGHT_E_MISMATCH,
+        RELIGHT_E_NOT_READY, RELIGHT_E_UNSUPPORTED, RELIGHT_E_OUT_OF_RANGE};
+    for (size_t i = 0; i < sizeof of_it / sizeof *of_it; i++) {
+        if (c->error.code != of_it[i]) continue;
+        fprintf(stderr, "relight: %s is left out: %s\n", name, c->error.text);
+        c->n_left_out++;
+        return EXIT_DONE;
+    }
+    return room_failed(c);
+}
+
+// *drawn: whether it was; the export goes on without it.
 static int write_picture(struct room_call *c, const char *name,
-                         const struct relight_room_view *view)
+                         const struct relight_room_view *view, bool *drawn)
 {
     struct relight_image image;
     char path[4096];
     path_in(c, path, name);
-    if (relight_room_picture(c->client, c->room, view, &image, &c->error))
-        return room_failed(c);
+    *drawn = !relight_room_picture(c->client, c->room, view, &image, &c->error);
+    if (!*drawn) return room_left_out(c, name);
     int status = write_file(c->options, path, image.data, image.n_byte);
     relight_image_finish(&image);
     return status;
@@ -65,7 +80,8 @@ static int write_change(struct room_call *c, const struct room_now *now, const c
     if (room_stands(decision, now)) return EXIT_DONE;
     snprintf(name, sizeof name, "pictures/decision-%.0f-now.png", sequence);
     path_in(c, path, name);
-    return room_write_change(c, (uint64_t)sequence, path);
+    int status = room_write_change(c, (uint64_t)sequence, path);
+    return status == ROOM_NOT_DRAWN ? room_left_out(c, name) : status;
 }
 
 static int write_strokes(struct room_call *c, const cJSON *state, double pin)
@@ -92,9 +108,10 @@ static int write_pictures(struct room_call *c, const cJSON *state)
             else view.pin = sequence;
             snprintf(name, sizeof name, "pictures/%s-%llu.png", kind ? "decision" : "pin",
                      (unsigned long long)sequence);
-            if (!status) status = write_picture(c, name, &view);
-            if (!status && !kind) status = write_strokes(c, state, (double)sequence);
-            if (!status && kind) status = write_change(c, &now, item);
+            bool drawn = false;
+            if (!status) status = write_picture(c, name, &view, &drawn);
+            if (drawn && !status && !kind) status = write_strokes(c, state, (double)sequence);
+            if (drawn && !status && kind) status = write_change(c, &now, item);
         }
     return status;
 }
@@ -189,7 +206,10 @@ int room_export(struct room_call *c)
                cJSON_GetArraySize(list_of(state, "pins")),
                cJSON_GetArraySize(list_of(state, "decisions")));
     cJSON_Delete(state);
-    return status;
+    if (status || !c->n_left_out) return status;
+    fprintf(stderr, "relight: warning: the export is not complete: %u parts are left out\n",
+            c->n_left_out);
+    return EXIT_FAILED;
 }
 
 // ---- import

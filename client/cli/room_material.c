@@ -160,7 +160,10 @@ int export_material(struct room_call *c, const cJSON *state)
     int at = (int)number_of(list_of(decision, "seen"), "revision"), number = 0;
     const cJSON *scene =
         list_of(cJSON_GetArrayItem(list_of(state, "revisions"), at - 1), "scene");
-    int status = export_text(c, material_text(c, scene), "material");
+    c->error = (struct relight_error){0};
+    char *text = material_text(c, scene);
+    int status = !text && c->error.code ? room_left_out(c, "the approved material")
+                                        : export_text(c, text, "material");
     cJSON_ArrayForEach(own, list_of(list_of(scene, "shade"), "materials"))
     {
         char name[80];

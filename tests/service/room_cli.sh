@@ -167,9 +167,25 @@ expect 2 unload later --forget
 says 'later: 1 review room needs it: [0-9a-f]\{32\}'
 expect 2 unload later --force
 says '--force is for --forget'
+expect 0 room pin later 'of the bake, too' --at 0,2,0.3,0.2
 expect 0 unload later --forget --force
 expect 0 room show later
 says 'rejected at revision 1: of the bake'
+# What cannot be drawn any more is left out, and the rest is exported.
+rm -r later
+expect 1 room export later -o later
+says 'pictures/pin-4.png is left out: '
+says 'pictures/decision-2.png is left out: '
+says 'the view of pin 4 in pins.bcf is left out: '
+says 'the export is not complete: 4 parts are left out'
+[ "$(wc -l <later/decisions.csv)" = 3 ] && [ -s later/history.json ] || fail "the rest of the export: $(ls later)"
+python3 - <<'END' || fail "a pin without a view in pins.bcf"
+import xml.etree.ElementTree as tree, zipfile
+with zipfile.ZipFile('later/pins.bcf') as z:
+    assert len(z.namelist()) == 4, z.namelist()
+    markup = tree.fromstring(z.read([n for n in z.namelist() if n.endswith('markup.bcf')][0]))
+assert markup.find('Topic/Title').text == 'of the bake, too' and not markup.findall('.//Viewpoint')
+END
 # The same bake again has the same bytes. A file with another bake of the shape takes its place.
 expect 0 load small.obj --remote --name later --size-mm 20 --material ketchup --samples 1000 --wait
 expect 0 room show later
@@ -487,6 +503,8 @@ if [ -n "$only" ]; then
         done
         [ $n = 2 ] || fail "$n topics in $file/pins.bcf"
     done
+    mkdir u-later && (cd u-later && unzip -q ../later/pins.bcf) || fail "unzip later/pins.bcf"
+    xmllint --noout --schema "$schemas/markup.xsd" u-later/*/markup.bcf 2>err || fail "markup.bcf of a pin without a view"
 fi
 kill $daemon && wait $daemon || fail "the daemon's end"
 daemon=
