@@ -2,11 +2,14 @@
 // relight room export: a room as files; import: pins of a BCF file become pins of a room.
 #include "room.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <fnmatch.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static int file_failed(struct room_call *c, const char *path)
 {
@@ -39,6 +42,38 @@ static int write_json(struct room_call *c, const char *name, const cJSON *json)
     int status = write_text(c, name, text);
     free(text);
     return status;
+}
+
+// ---- an earlier export
+
+static const char *const old_pictures[] = {"pin-[0-9]*.png", "decision-[0-9]*.png", NULL};
+static const char *const old_materials[] = {"material.json",
+                                            "material.gltf",
+                                            "material.mtlx",
+                                            "material-*.json",
+                                            "material-*.gltf",
+                                            "material-*.mtlx",
+                                            NULL};
+
+static void remove_matching(const char *folder, const char *const *patterns)
+{
+    DIR *dir = opendir(folder);
+    for (const struct dirent *e; dir && (e = readdir(dir));)
+        for (const char *const *p = patterns; *p; p++)
+            if (!fnmatch(*p, e->d_name, 0)) unlinkat(dirfd(dir), e->d_name, 0);
+    if (dir) closedir(dir);
+}
+
+// What the room does not have any more (a change that was undone, a pin that was erased, a
+// material that was rejected) would be taken for a part of this export.
+static void remove_earlier(struct room_call *c)
+{
+    char path[4096];
+    path_in(c, path, "room.json");
+    if (access(path, F_OK)) return; // nothing in it is ours
+    remove_matching(c->options->output, old_materials);
+    path_in(c, path, "pictures");
+    remove_matching(path, old_pictures);
 }
 
 // ---- pictures
@@ -194,6 +229,7 @@ int room_export(struct room_call *c)
     path_in(c, path, "pictures");
     int status = make_folder(c, c->options->output);
     if (!status) status = make_folder(c, path);
+    if (!status) remove_earlier(c);
     if (!status) status = write_json(c, "room.json", state);
     if (!status) status = write_log(c);
     if (!status) status = write_pictures(c, state);

@@ -325,6 +325,21 @@ r = json.load(open('export/room.json'))
 h = json.load(open('export/history.json'))
 assert len(h) == r['sequence'] and [e['stamp']['sequence'] for e in h] == list(range(1, len(h) + 1))
 END
+    # A later export into the same folder leaves nothing behind that the room does not have.
+    expect 0 room create again --model small --env constant --size 96x64
+    expect 0 room approve again
+    expect 0 room pin again 'to be erased' --at 0,2,0.3,0.2
+    expect 0 room scene again --env constant:1,0.5,0.2
+    expect 0 room export again -o again
+    ours='pictures/decision-2-now.png pictures/pin-3.png material.json material.gltf material.mtlx'
+    for file in $ours; do [ -s "again/$file" ] || fail "again/$file: $(ls again/*)"; done
+    touch again/pictures/pin.png again/materials.json
+    expect 0 room undo again
+    expect 0 room erase again 3
+    expect 0 room reject again
+    expect 0 room export again -o again
+    for file in $ours; do [ ! -e "again/$file" ] || fail "again/$file of the export before"; done
+    [ -e again/pictures/pin.png ] && [ -e again/materials.json ] || fail "another's files: $(ls again/*)"
     # Media by object are exported each for itself.
     # Two names of objects agree in the letters that fit into a file's name; one is like another's
     # with its number.
