@@ -29,7 +29,10 @@ static void put_xml(FILE *out, const char *text)
         else if (c == '<') fputs("&lt;", out);
         else if (c == '>') fputs("&gt;", out);
         else if (c == '"') fputs("&quot;", out);
-        else if (c >= ' ' || c == '\n' || c == '\t') fputc(c, out);
+        else if (!strncmp(text, "\xef\xbf\xbe", 3) || !strncmp(text, "\xef\xbf\xbf", 3)) {
+            fputs("\xef\xbf\xbd", out); // U+FFFE and U+FFFF are no characters of XML
+            text += 2;
+        } else if (c >= ' ' || c == '\n' || c == '\t') fputc(c, out);
         else fputc(' ', out); // XML 1.0 has no other control characters
     }
 }

@@ -156,7 +156,7 @@ static int save_picture(struct room_call *c, uint64_t pin)
 int room_show(struct room_call *c)
 {
     uint64_t pin = 0;
-    if (c->n_word && !whole_word(c->word[0], &pin))
+    if (c->n_word && (!whole_word(c->word[0], &pin) || !pin))
         return report_usage(c->options, "%s: expected a pin's number", c->word[0]);
     const bool decision = c->options->decision > 0, revision = c->options->revision > 0;
     if ((pin > 0) + decision + revision > 1)

@@ -282,6 +282,7 @@ expect 1 room show "$(echo "$id" | cut -c1-3)" && says 'relight room list'
 expect 2 room pin "$room" text --at 0,0,2,2 && says 'weights'
 expect 1 room resolve "$room" 77 && says 'no pin 77'
 expect 2 room resolve "$room" seven && says 'expected a number'
+expect 2 room show "$room" 0 -o zero.png && says "0: expected a pin's number"
 expect 2 room resolve "$room" 3 && says 'resolved already'
 
 # ---- export: the decision's picture is what its hash says
@@ -498,9 +499,11 @@ expect 1 room import copy cut.bcf && says 'zip'
 # A title that is too long ends with a whole character.
 expect 0 room create umlauts --model small --env constant:1,1,1 --size 96x64
 expect 0 room pin umlauts "$(printf 'ä%.0s' $(seq 100))" --at 0,2,0.3,0.2
+# A note may have what XML has not.
+expect 0 room pin umlauts "$(printf 'no\357\277\277 character\001')" --at 0,2,0.3,0.2
 expect 0 room export umlauts -o umlauts
 expect 0 room import copy umlauts/pins.bcf
-says '1 pins'
+says '2 pins'
 # A picture of a room in the terminal.
 expect 0 room show umlauts -o - --size 8x4
 [ ! -e - ] || fail "a file whose name is -"
