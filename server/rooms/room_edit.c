@@ -92,14 +92,29 @@ static void give_back(struct edit *edit)
 // ---- the end of an edit
 
 const char room_role_hint[] = "an owner of the room gives roles: `relight room member`";
-const char room_numbers_hint[] = "`relight room show` lists what the room has";
+const char room_state_hint[] = "`relight room show` prints what the room has now";
 
-static void refuse(struct edit *edit, int code, const char *error)
+// The remedies of other requests are about models.
+static const char *fold_hint(int code)
+{
+    switch (code) {
+    case RELIGHT__ERROR_CODE__ERROR_FORBIDDEN:
+        return room_role_hint;
+    case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
+    case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
+        return room_state_hint;
+    case RELIGHT__ERROR_CODE__ERROR_LIMIT:
+        return "every review room has this bound";
+    default:
+        return NULL;
+    }
+}
+
+// by_fold: the room itself refuses it.
+static void refuse(struct edit *edit, int code, const char *error, bool by_fold)
 {
     struct request *request = request_resume(&edit->wait);
-    if (request && code == RELIGHT__ERROR_CODE__ERROR_FORBIDDEN) request->hint = room_role_hint;
-    if (request && code == RELIGHT__ERROR_CODE__ERROR_NOT_FOUND)
-        request->hint = room_numbers_hint;
+    if (request && by_fold) request->hint = fold_hint(code);
     if (request) request_fail(request, code, "%s", error);
     edit_free(edit);
 }
@@ -197,7 +212,7 @@ static void not_written(struct edit *edit)
     snprintf(error, sizeof error, "the room could not be written, nothing was changed: %s",
              edit->task.error);
     if (edit->event->action->start) give_back_room(room->rooms->server, edit->event->stamp->by);
-    refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+    refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error, false);
 }
 
 static void edit_done(struct room_task *task)
@@ -256,28 +271,28 @@ static void begin(struct edit *edit)
     char error[ROOM_ERROR];
     if (room->rooms->store->away) { // the state stays, for those who look at it
         refuse(edit, RELIGHT__ERROR_CODE__ERROR_BUSY,
-               "the database of rooms is away: nothing was changed, try again later");
+               "the database of rooms is away: nothing was changed, try again later", false);
         return;
     }
     if (!pack(edit, room->state->sequence + 1)) {
-        refuse(edit, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        refuse(edit, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory", false);
         return;
     }
     if (edit->n > ROOM_MAX_EVENT) {
         snprintf(error, sizeof error, "the action takes %zu bytes, and at most %d are kept",
                  edit->n, ROOM_MAX_EVENT);
-        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error, true);
         return;
     }
     if (!charge(edit, error)) {
-        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error, false);
         return;
     }
     uint64_t grown;
     room_packed_drop(room);
     if (!room_memory_grow(room, edit->event, &grown, error)) {
         give_back(edit);
-        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+        refuse(edit, RELIGHT__ERROR_CODE__ERROR_LIMIT, error, false);
         return;
     }
     int code = room_fold(room->state, edit->event, error);
@@ -302,7 +317,7 @@ static void begin(struct edit *edit)
         room_spoil(room); // the state may be half-way
         room_reload_if_idle(room);
     }
-    refuse(edit, code, error);
+    refuse(edit, code, error, true);
 }
 
 // The role of the author as the room says now: what came between may have changed it.
@@ -319,7 +334,8 @@ void edits_again(struct room *room)
     for (struct edit *edit; (edit = room->again);) {
         room->again = edit->next;
         if (!room->state || room->stale)
-            refuse(edit, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room is not available now");
+            refuse(edit, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room is not available now",
+                   false);
         else begin_again(edit);
     }
 }

@@ -425,8 +425,8 @@ static void picture(struct request *request, struct room *room)
     const Relight__RoomPictureRequest *in = MESSAGE(RoomPictureRequest);
     const Relight__Seen *seen;
     const Relight__Scene *scene = find_scene(room->state, in, &seen);
+    request->hint = room_state_hint;
     if (!scene) {
-        request->hint = room_numbers_hint;
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                      "the room has no such pin, decision or revision");
         return;
@@ -441,6 +441,7 @@ static void picture(struct request *request, struct room *room)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
+    request->hint = NULL;
     protobuf_c_message_free_unpacked(request->message, NULL);
     request->message = image;
     fetch_scene_then(request, image, draw);

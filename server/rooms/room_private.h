@@ -239,7 +239,9 @@ void room_edit(struct request *request, struct room *room, const Relight__RoomAc
 /* A retry of an edit that was done: true when it was answered. */
 bool room_edit_repeated(struct request *request, const struct room *room);
 /* Of a refusal for the role in a room. */
-extern const char room_role_hint[], room_numbers_hint[];
+extern const char room_role_hint[];
+/* Of a refusal for what the room has or has not. */
+extern const char room_state_hint[];
 /* Starts the edits that waited for the room to be read. */
 void edits_again(struct room *room);
 

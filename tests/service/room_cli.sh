@@ -112,7 +112,7 @@ lights '[(0, 2, 2, 2), (0, 3, 4, 5)]' --gain 2 --gain 3,4,5
 lights '[(10, 2, 2, 2), (20, 2, 2, 2)]' --rotate 10 --rotate 20 --gain 2
 lights '[(10, 2, 2, 2), (10, 3, 3, 3)]' --rotate 10 --gain 2 --gain 3
 expect 2 room compare "$room" one && says "a revision's number"
-expect 1 room compare "$room" 99 && says 'no such pin, decision or revision'
+expect 1 room compare "$room" 99 && says 'no such pin, decision or revision' && says 'relight room show'
 expect 0 room undo "$room"
 
 # ---- pins on another model: a finer one of the same shape, a moved one, one far away
@@ -280,10 +280,11 @@ id=$("$bin/relight" -s "unix:$dir/s" room list --json | sed 's/.*"room":"\([0-9a
 expect 0 room show "$(echo "$id" | cut -c1-8)"
 expect 1 room show "$(echo "$id" | cut -c1-3)" && says 'relight room list'
 expect 2 room pin "$room" text --at 0,0,2,2 && says 'weights'
-expect 1 room resolve "$room" 77 && says 'no pin 77'
+expect 1 room resolve "$room" 77 && says 'no pin 77' && says 'relight room show'
 expect 2 room resolve "$room" seven && says 'expected a number'
 expect 2 room show "$room" 0 -o zero.png && says "0: expected a pin's number"
-expect 2 room resolve "$room" 3 && says 'resolved already'
+expect 2 room resolve "$room" 3 && says 'resolved already' && says 'relight room show'
+expect 1 room rename "$room" "$(printf 'x%.0s' $(seq 121))" && says 'every review room has this bound'
 
 # ---- export: the decision's picture is what its hash says
 if [ -z "$only" ]; then
