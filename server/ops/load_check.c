@@ -205,6 +205,11 @@ bool load_check_env(struct load *load)
         !blobs_has(load->server->blobs, load->env + 4)) {
         code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
         request_fail(load->request, code, "bake.env: %.80s was not uploaded", r->bake->env);
+    } else if (code == RELIGHT__ERROR_CODE__ERROR_NOT_FOUND) {
+        request_fail(load->request, code,
+                     "bake.env %.80s: this client uploaded no image of this name; LIST has the "
+                     "names",
+                     r->bake->env);
     } else if (code) {
         request_fail(load->request, code,
                      "bake.env %.60s: neither env:HASH nor constant[:R,G,B] with radiances in "

@@ -125,6 +125,7 @@ def rows():
     yield (*load(bake={'transport': 'TRANSPORT_WAVELET'}), 'BAD_REQUEST', "material is missing: a preset's name or JSON text")
     yield (*load(bake={'env': '/etc/passwd'}), 'BAD_REQUEST', 'neither env:HASH nor constant[:R,G,B]')
     yield (*load(bake={'env': 'env:' + HASH}), 'NOT_FOUND', 'was not uploaded')
+    yield (*load(bake={'env': 'name:studio'}), 'NOT_FOUND', 'no image of this name')
     yield (*load(size_mm=1), 'OUT_OF_RANGE', 'size_mm and mm_per_unit are both given')
     yield (*load(path='none.obj'), 'FORBIDDEN', 'no such file inside the models folder')
     yield (*load(path='../tetrahedron.obj'), 'FORBIDDEN', 'no such file inside the models folder')
