@@ -250,26 +250,33 @@ int room_export(struct room_call *c)
 
 // ---- import
 
-// An imported note belongs to the importer; its first author and date are kept as text.
-static cJSON *note_text(const cJSON *author, const cJSON *date, const char *text)
-{
-    char all[8192];
-    const char *a = cJSON_GetStringValue(author), *d = cJSON_GetStringValue(date);
-    if (!a) a = "?";
-    if (!d) d = "?";
-    snprintf(all, sizeof all, "%.*s\n(%.*s, %.*s)", (int)whole_characters(text, 7000), text,
-             (int)whole_characters(a, 64), a, (int)whole_characters(d, 32), d);
-    return cJSON_CreateString(all);
-}
-
 // State for topics that another program wrote. They name no point of the surface; their view
 // says where the pin belongs.
 struct placing {
     struct room_call *c;
     cJSON *state; // NULL: not asked for yet
     struct relight_geometry geometry;
-    unsigned n; // pins that their view placed
+    unsigned n;       // pins that their view placed
+    unsigned n_topic; // that are in the room
+    unsigned n_cut;   // notes that were longer than the room takes
 };
+enum { MOST_NOTE = 8192 }; // bytes that a room takes
+
+// An imported note belongs to the importer; its first author and date are kept as text.
+static cJSON *note_text(struct placing *p, const cJSON *author, const cJSON *date,
+                        const char *text)
+{
+    char all[MOST_NOTE + 1], from[128];
+    const char *a = cJSON_GetStringValue(author), *d = cJSON_GetStringValue(date);
+    if (!a) a = "?";
+    if (!d) d = "?";
+    int n = snprintf(from, sizeof from, "\n(%.*s, %.*s)", (int)whole_characters(a, 64), a,
+                     (int)whole_characters(d, 32), d);
+    size_t kept = whole_characters(text, MOST_NOTE - (size_t)n);
+    if (text[kept]) p->n_cut++;
+    snprintf(all, sizeof all, "%.*s%s", (int)kept, text, from);
+    return cJSON_CreateString(all);
+}
 
 static int begin_placing(struct placing *p)
 {
@@ -324,7 +331,7 @@ static int import_pin(struct placing *p, const cJSON *topic, uint64_t *pin)
     if (!*text) text = text_of(topic, "Title");
     cJSON_AddItemToObject(
         m, "text",
-        note_text(list_of(topic, "CreationAuthor"), list_of(topic, "CreationDate"), text));
+        note_text(p, list_of(topic, "CreationAuthor"), list_of(topic, "CreationDate"), text));
     if (at) cJSON_AddItemToObject(m, "at", cJSON_Duplicate(at, 1));
     else status = place_by_view(p, topic, m);
     if (at && scene) cJSON_AddItemToObject(m, "scene", cJSON_Duplicate(scene, 1));
@@ -337,8 +344,9 @@ static int import_pin(struct placing *p, const cJSON *topic, uint64_t *pin)
     return status;
 }
 
-static int import_notes(struct room_call *c, const cJSON *topic, uint64_t pin)
+static int import_notes(struct placing *p, const cJSON *topic, uint64_t pin)
 {
+    struct room_call *c = p->c;
     const cJSON *comment, *first = cJSON_GetArrayItem(list_of(topic, "comments"), 0);
     int status = EXIT_DONE;
     cJSON_ArrayForEach(comment, list_of(topic, "comments"))
@@ -350,7 +358,8 @@ static int import_notes(struct room_call *c, const cJSON *topic, uint64_t pin)
         cJSON *m = cJSON_CreateObject();
         cJSON_AddNumberToObject(m, "target", (double)pin);
         cJSON_AddItemToObject(
-            m, "text", note_text(list_of(comment, "Author"), list_of(comment, "Date"), text));
+            m, "text",
+            note_text(p, list_of(comment, "Author"), list_of(comment, "Date"), text));
         if (!status) status = room_act(c, room_action("reply", m), NULL);
         else cJSON_Delete(m);
     }
@@ -364,6 +373,20 @@ static int import_notes(struct room_call *c, const cJSON *topic, uint64_t pin)
     return status;
 }
 
+static void say_import(const struct placing *p, int n, int status)
+{
+    if (!status && !p->c->options->json) {
+        printf("%d pins", n);
+        if (p->n) printf(", placed by their view: %u", p->n);
+        putchar('\n');
+    }
+    if (status)
+        fprintf(stderr, "relight: %u of %d topics are in the room as a whole\n", p->n_topic, n);
+    if (p->n_cut)
+        fprintf(stderr, "relight: warning: %u notes are cut: a room takes %d bytes\n", p->n_cut,
+                MOST_NOTE);
+}
+
 int room_import(struct room_call *c)
 {
     cJSON *topics, *topic;
@@ -374,13 +397,10 @@ int room_import(struct room_call *c)
     {
         uint64_t pin;
         if (!status) status = import_pin(&placing, topic, &pin);
-        if (!status) status = import_notes(c, topic, pin);
+        if (!status) status = import_notes(&placing, topic, pin);
+        if (!status) placing.n_topic++;
     }
-    if (!status && !c->options->json) {
-        printf("%d pins", cJSON_GetArraySize(topics));
-        if (placing.n) printf(", placed by their view: %u", placing.n);
-        putchar('\n');
-    }
+    say_import(&placing, cJSON_GetArraySize(topics), status);
     end_placing(&placing);
     cJSON_Delete(topics);
     return status;

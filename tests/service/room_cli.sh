@@ -495,6 +495,25 @@ END
 done
 expect 0 room create empty
 expect 2 room import empty foreign.bcf && says 'no model to place pins on'
+# A note that is too long is cut, and one topic that fails ends the import: both are told.
+python3 - <<'END' || fail "long.bcf"
+import zipfile
+with zipfile.ZipFile('long.bcf', 'w') as z:
+    for name in 'ab':
+        z.writestr(name + '/markup.bcf', '<Markup><Topic Guid="t"><Title>%s</Title></Topic><Comment Guid="c"><Comment>%s'
+                   '</Comment></Comment></Markup>' % (name, '\u00e4' * 4200))
+    z.writestr('b/pin.json', '{"pin": {"at": {}}, "scene": {"model": "%032d"}}' % 0)
+END
+expect 0 room create long --model ten --env constant --size 96x64
+expect 1 room import long long.bcf
+says '1 of 2 topics are in the room as a whole'
+says 'warning: 1 notes are cut: a room takes 8192 bytes'
+expect 0 room show long --json
+python3 - out <<'END' || fail "the note that was cut"
+import json, sys
+text = json.load(open(sys.argv[1]))['pins'][0]['notes'][1]['text']
+assert 8190 <= len(text.encode()) <= 8192 and text.endswith('\u00e4\n(?, ?)'), (len(text.encode()), text[-9:])
+END
 head -c 3000 export/pins.bcf >cut.bcf
 expect 1 room import copy cut.bcf && says 'zip'
 # A title that is too long ends with a whole character.
