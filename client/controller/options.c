@@ -160,7 +160,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         orbit(state, o, arg);
         break;
     case 'x':
-        o->picture.exposure_ev = (float)option_number(state, "exposure", arg, -20, 20);
+        o->picture.exposure_ev = (float)option_number(state, "exposure", arg, -40, 40);
         break;
     case 'l':
         o->light = (int)option_number(state, "light", arg, 1, MOST_LIGHTS) - 1;

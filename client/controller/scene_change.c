@@ -6,6 +6,7 @@
 #include <string.h>
 
 static const double degree = M_PI / 180;
+static const double most_gain = 1e6, most_ev = 40; // that the daemon draws
 
 static double number(const cJSON *json, const char *field, double missing)
 {
@@ -55,7 +56,7 @@ static void change_gain(cJSON *light, const cJSON *base, const struct change *c)
     double stops = c->position[TARGET_LIGHT_GAIN] + c->delta[TARGET_LIGHT_GAIN];
     double gain[3];
     for (int i = 0; i < 3; i++)
-        gain[i] = clamp((was ? number(was, axis[i], 0) : 1) * exp2(stops), 0, 1e4);
+        gain[i] = clamp((was ? number(was, axis[i], 0) : 1) * exp2(stops), 0, most_gain);
     cJSON *out = object_of(light, "gain");
     for (int i = 0; i < 3; i++) set_number(out, axis[i], gain[i]);
 }
@@ -230,7 +231,7 @@ static bool change_exposure(cJSON *scene, const cJSON *base, const struct change
     const cJSON *was = cJSON_GetObjectItemCaseSensitive(base, "picture");
     double ev = number(c->has_position[TARGET_EXPOSURE] ? was : picture, "exposure_ev", 0);
     ev += c->position[TARGET_EXPOSURE] + c->delta[TARGET_EXPOSURE];
-    set_number(picture, "exposure_ev", clamp(ev, -20, 20));
+    set_number(picture, "exposure_ev", clamp(ev, -most_ev, most_ev));
     return true;
 }
 

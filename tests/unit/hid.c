@@ -349,6 +349,13 @@ static void scenes(void **state)
     c.position[TARGET_EXPOSURE] = 1.5;
     for (int i = 0; i < 2; i++) assert_true(scene_change(scene, base, &c, -1, parts));
     assert_true(number_at(scene, "picture", "exposure_ev") == 1.5);
+    // As far as the daemon draws, and no further.
+    c.position[TARGET_EXPOSURE] = 39;
+    assert_true(scene_change(scene, base, &c, -1, parts));
+    assert_true(number_at(scene, "picture", "exposure_ev") == 39);
+    c.position[TARGET_EXPOSURE] = -41;
+    assert_true(scene_change(scene, base, &c, -1, parts));
+    assert_true(number_at(scene, "picture", "exposure_ev") == -40);
     struct change back = {.reset = true};
     assert_true(scene_change(scene, base, &back, -1, parts));
     assert_true(cJSON_Compare(scene, base, 1));
@@ -422,6 +429,11 @@ static void lights_of_their_own(void **state)
     assert_true(light_number(scene, 0, "gain", "x") == 4);
     assert_true(light_number(scene, 0, "gain", "z") == 1);
     assert_true(light_number(scene, 1, "gain", "y") == 4);
+    push.delta[TARGET_LIGHT_GAIN] = 16;
+    assert_true(scene_change(scene, base, &push, -1, parts));
+    assert_true(light_number(scene, 0, "gain", "x") == 4 << 16);
+    assert_true(scene_change(scene, base, &push, -1, parts));
+    assert_true(light_number(scene, 0, "gain", "x") == 1e6);
     slide.has_position[TARGET_LIGHT_GAIN] = slide.has_position[TARGET_LIGHT_AZIMUTH] = true;
     slide.position[TARGET_LIGHT_GAIN] = -1;
     slide.position[TARGET_LIGHT_AZIMUTH] = 30;
