@@ -20,6 +20,9 @@ int room_list(struct room_call *c)
     cJSON *all = cJSON_Parse(text);
     free(text);
     if (!all) return bad_json(c);
+    if (cJSON_IsTrue(list_of(all, "more")))
+        fprintf(stderr,
+                "relight: warning: these are the rooms that changed last; there are more\n");
     if (c->options->json) {
         print_json(cJSON_DetachItemFromObject(all, "rooms"));
         cJSON_Delete(all);

@@ -43,12 +43,16 @@ int room_of_word(struct relight_client *client, const char *word, char out[RELIG
     cJSON *rooms = cJSON_Parse(json);
     free(json);
     unsigned n = find(rooms, word, out);
+    bool more = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(rooms, "more"));
     cJSON_Delete(rooms);
     if (n == 1) return 0;
     *error = (struct relight_error){.code = n ? RELIGHT_E_MISMATCH : RELIGHT_E_NOT_FOUND};
     snprintf(error->text, sizeof error->text,
              n ? "%.100s: %u rooms are called so: give the room's id"
-               : "%.100s: no such room: `relight room list` has yours",
+             : more
+                 ? "%.100s: none of the rooms that changed last is called so: give the room's "
+                   "whole id"
+                 : "%.100s: no such room: `relight room list` has yours",
              word, n);
     return -(int)error->code;
 }

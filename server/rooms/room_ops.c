@@ -100,13 +100,15 @@ static void fill_summary(struct rooms *rooms, const struct caller *caller,
 static void answer_list(struct request *request, const struct room_task *task)
 {
     Relight__RoomListAnswer out = RELIGHT__ROOM_LIST_ANSWER__INIT;
+    size_t n = task->n_row < MOST_LISTED ? task->n_row : MOST_LISTED;
     Relight__RoomSummary *room = calloc(task->n_row + 1, sizeof *room);
     Relight__RoomSummary **list = calloc(task->n_row + 1, sizeof *list);
-    for (size_t i = 0; room && list && i < task->n_row; i++) {
+    for (size_t i = 0; room && list && i < n; i++) {
         fill_summary(request->server->rooms, &request->conn->caller, &task->row[i], &room[i]);
         list[out.n_rooms++] = &room[i];
     }
     out.rooms = list;
+    out.more = task->n_row > n;
     if (room && list) request_answer(request, &out.base, NULL);
     else request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     free(room);
@@ -153,7 +155,7 @@ void op_room_list(struct request *request)
         return;
     }
     l->task.kind = ROOM_TASK_LIST;
-    l->task.most = MOST_LISTED;
+    l->task.most = MOST_LISTED + 1; // one more tells that there are more
     l->task.done = listed;
     if (!(caller->scopes & SCOPE_ADMIN))
         snprintf(l->task.by, sizeof l->task.by, "%s", caller->name);

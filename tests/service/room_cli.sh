@@ -528,6 +528,21 @@ says '2 pins'
 expect 0 room show umlauts -o - --size 8x4
 [ ! -e - ] || fail "a file whose name is -"
 grep -q "$(printf '\033')" out || fail "no picture in the terminal"
+if [ -z "$only" ]; then
+    # A list that is not whole says so: all rooms are younger than the first one by now.
+    kill $daemon && wait $daemon || fail "the daemon's end"
+    python3 - <<'END' || fail "1000 more rooms"
+import sqlite3
+with sqlite3.connect('copy.sqlite') as db:
+    for i in range(1000):
+        db.execute('INSERT INTO room (id, sequence, created_us, changed_us, name, owner, keeps) '
+                   "VALUES ('%032x', 1, 1, 4000000000000000, 'many', 'uid:9', '')" % i)
+END
+    start --rooms "sqlite:$dir/copy.sqlite"
+    expect 0 room list && says 'warning: these are the rooms that changed last; there are more'
+    [ "$(wc -l <out)" = 1000 ] || fail "$(wc -l <out) rooms are listed"
+    expect 1 room show umlauts && says "give the room's whole id"
+fi
 if [ -n "$only" ]; then
     for file in export second; do
         mkdir "u-$file" && (cd "u-$file" && unzip -q "../$file/pins.bcf") || fail "unzip $file/pins.bcf"
