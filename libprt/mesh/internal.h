@@ -78,7 +78,8 @@ struct prt_context prt_draft_lenient(const struct prt_draft *d,
                                      const struct prt_context **user);
 // true when the options name this material or node as opaque
 bool prt_draft_opaque(struct prt_draft *d, const char *name);
-void prt_draft_flip_v(struct prt_draft *d); // v becomes 1 - v in every set
+// Every image is looked up at 1 - v, after its map's transform.
+void prt_draft_flip_v(struct prt_draft *d);
 void prt_draft_finish(struct prt_draft *d);
 // name NULL: the file names no material
 #define PRT_UNNAMED_SURFACE "default"

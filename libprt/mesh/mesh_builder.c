@@ -135,11 +135,22 @@ static void flip(float (*uv)[2], size_t n)
     for (size_t i = 0; i < n; i++) uv[i][1] = 1 - uv[i][1];
 }
 
+// A transform of the file's uv as one of the flipped uv, so that its result is flipped.
+static void flip_transform(float t[6])
+{
+    t[2] += t[1];
+    t[1] = -t[1];
+    t[5] = 1 - t[4] - t[5];
+    t[3] = -t[3];
+}
+
 void prt_draft_flip_v(struct prt_draft *d)
 {
     if (d->has_uv) flip(d->uv, d->n_vertex);
     for (uint32_t k = 0; k + 1 < d->n_uv; k++) flip(d->uv_more[k], d->n_vertex);
     if (d->corner_uv) flip(*d->corner_uv, 3 * (size_t)d->n_triangle);
+    for (uint32_t i = 0; i < d->cap_maps; i++)
+        for (int k = 0; k < PRT_N_MAP; k++) flip_transform(d->maps[i].map[k].transform);
 }
 
 void prt_draft_finish(struct prt_draft *d)

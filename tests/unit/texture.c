@@ -396,6 +396,27 @@ static void images_upside_down(void **state)
     }
 }
 
+// flip_v: a map's transform holds in the file's own v. It moves the second set's v from 0.75 to
+// 0.375, in the red texel, and the flipped image is blue there.
+static void images_upside_down_and_moved(void **state)
+{
+    const struct prt_mesh_options options[2] = {{0}, {.flip_v = true}};
+    for (int flipped = 0; flipped < 2; flipped++) {
+        struct prt_context ctx = context();
+        char text[4000];
+        struct prt_mesh *m = NULL;
+        snprintf(text, sizeof text,
+                 "%s\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"texCoord\":1,"
+                 "\"extensions\":{\"KHR_texture_transform\":{\"scale\":[1,0.5]}}}}}]",
+                 image_json);
+        assert_int_equal(square_read(&ctx, text, &options[flipped], &m), PRT_OK);
+        const struct prt_look l = look(m);
+        assert_float_equal(l.base[0], !flipped, 1e-4);
+        assert_float_equal(l.base[2], flipped, 1e-4);
+        prt_mesh_destroy(m);
+    }
+}
+
 static void maps_of_a_gltf(void **state)
 {
     struct prt_context ctx = context();
@@ -829,6 +850,7 @@ int main(void)
         cmocka_unit_test(probes_lie_about_the_point),
         cmocka_unit_test(decoding_and_limits),
         cmocka_unit_test(images_upside_down),
+        cmocka_unit_test(images_upside_down_and_moved),
         cmocka_unit_test(maps_of_a_gltf),
         cmocka_unit_test(extensions_of_a_gltf),
         cmocka_unit_test(maps_of_many_materials),
