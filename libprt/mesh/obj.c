@@ -143,7 +143,6 @@ static int store_corner(struct obj *o, const struct corner *c)
 static int store_corner_uv(struct obj *o, const struct corner *corner[3])
 {
     struct prt_draft *d = o->d;
-    if (d->no_textures) return PRT_OK;
     if (o->cap_corner < d->cap_triangle) {
         void *p = realloc(d->corner_uv, (size_t)d->cap_triangle * sizeof *d->corner_uv);
         if (!p) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);

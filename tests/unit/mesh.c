@@ -715,7 +715,8 @@ static void zero_has_one_place(void **state)
 static void obj_faces_in_turns(void **state)
 {
     static const char *const opaque[] = {"b", NULL};
-    const struct prt_mesh_options options = {.opaque = opaque}, flip = {.flip_v = true};
+    const struct prt_mesh_options options = {.opaque = opaque}, flip = {.flip_v = true},
+                                  plain = {.no_textures = true};
     struct prt_mesh *m;
     const char *text = "usemtl wax\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 5 0 0\nv 6 0 0\n"
                        "v 5 1 0\nv 5 0 1\nvt 0 0\nvt .25 0\nvt .5 0\nvt .75 0\n"
@@ -734,6 +735,10 @@ static void obj_faces_in_turns(void **state)
     assert_int_equal(load_text(text, &flip, &m), PRT_OK);
     for (int t = 0; t < 4; t++)
         for (int c = 0; c < 3; c++) assert_float_equal(m->corner_uv[t][c][1], 0, 0);
+    prt_mesh_destroy(m);
+    assert_int_equal(load_text(text, &plain, &m), PRT_OK); // maps of the caller's follow seams
+    assert_non_null(m->corner_uv);
+    assert_float_equal(m->corner_uv[1][0][0], 0.5, 0);
     prt_mesh_destroy(m);
 }
 
