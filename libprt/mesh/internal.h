@@ -86,7 +86,7 @@ void prt_draft_finish(struct prt_draft *d);
 void prt_surface_default(struct prt_surface *s, const char *name);
 
 int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n);  // changes bytes
-int prt_read_obj(struct prt_draft *d, const char *text, size_t n); // text[n] == 0
+int prt_read_obj(struct prt_draft *d, char *text, size_t n);       // text[n] == 0; changes text
 int prt_read_ply(struct prt_draft *d, const char *text, size_t n); // text[n] == 0
 bool prt_is_binary_stl(const void *bytes, size_t n);
 int prt_read_stl(struct prt_draft *d, const char *bytes, size_t n); // bytes[n] == 0

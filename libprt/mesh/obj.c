@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { MOST_LIBRARIES = 64 }; // lines mtllib; chosen, not measured
+
 struct list {
     float *x;
     size_t n, cap; // floats
@@ -23,7 +25,8 @@ struct obj {
     locale_t c;
     size_t line;
     struct list vn, vt;
-    char library[256];
+    char library[MOST_LIBRARIES][256]; // of each line mtllib, once
+    uint32_t n_library;
     uint32_t cap_corner; // of d->corner_uv
     struct obj_parts parts;
     bool uv_seam;
@@ -199,6 +202,21 @@ static void take_name(const char *p, char *out, size_t size)
     out[n] = 0;
 }
 
+static void name_library(struct obj *o, const char *p)
+{
+    char line[sizeof o->library[0]];
+    uint32_t i = 0;
+    take_name(p, line, sizeof line);
+    while (i < o->n_library && strcmp(o->library[i], line)) i++; // exporters repeat the line
+    if (i < o->n_library) return;
+    if (i == MOST_LIBRARIES) {
+        prt_log(o->d->ctx, PRT_LOG_WARNING, "%s: line %zu: more than %d mtllib; it is left out",
+                o->d->name, o->line, MOST_LIBRARIES);
+        return;
+    }
+    memcpy(o->library[o->n_library++], line, sizeof line);
+}
+
 static int read_line(struct obj *o, const char *p)
 {
     const char *rest;
@@ -219,7 +237,7 @@ static int read_line(struct obj *o, const char *p)
         take_name(rest, name, sizeof name);
         prt_obj_parts_name(&o->parts, 'm', name);
     } else if (is_word(p, "mtllib", &rest)) {
-        take_name(rest, o->library, sizeof o->library);
+        name_library(o, rest);
     } else if (is_word(p, "o", &rest) || is_word(p, "g", &rest)) {
         take_name(rest, name, sizeof name);
         prt_obj_parts_name(&o->parts, p[0], name);
@@ -237,15 +255,55 @@ static void unit_normals(struct prt_draft *d)
     }
 }
 
-// The library's text, for all materials; empty where there is none or it is left out.
-static struct prt_blob read_library(const struct obj *o)
+// Appends a library's file to `text`; messages go to ctx.
+static int append_library(const struct prt_draft *d, const struct prt_context *ctx,
+                          const char *file, struct prt_blob *text)
 {
-    struct prt_draft *d = o->d;
+    struct prt_blob more = {NULL, 0};
+    int status = prt_draft_file(d, ctx, "material", file, 64 << 20, &more);
+    if (status) return status;
+    const size_t n = strlen(more.bytes);
+    char *both = prt_alloc(text->size + n + 2, 1);
+    if (both) {
+        if (text->size) memcpy(both, text->bytes, text->size);
+        memcpy(both + text->size, more.bytes, n);
+        memcpy(both + text->size + n, "\n", 2);
+        prt_free(text->bytes);
+        *text = (struct prt_blob){both, text->size + n + 1};
+    }
+    prt_free(more.bytes);
+    return both ? PRT_OK : prt_fail(ctx, PRT_NOMEM, "%s: no memory for \"%s\"", d->name, file);
+}
+
+// A line mtllib is one name that may hold blanks, or, where its first word is a file, several
+// names between blanks.
+static void append_line(const struct prt_draft *d, const char *line, struct prt_blob *text)
+{
     const struct prt_context *user, lenient = prt_draft_lenient(d, &user);
-    struct prt_blob file = {NULL, 0};
-    if (*o->library && !d->no_textures)
-        (void)prt_draft_file(d, &lenient, "material", o->library, 64 << 20, &file);
-    return file;
+    struct prt_context silent = lenient;
+    char word[256];
+    size_t n = strcspn(line, " \t");
+    silent.log = prt_log_none;
+    snprintf(word, sizeof word, "%.*s", (int)n, line);
+    if (!append_library(d, &silent, line, text)) return;
+    if (!line[n] || append_library(d, &silent, word, text)) {
+        (void)append_library(d, &lenient, line, text); // says what is wrong with it
+        return;
+    }
+    for (line += n; *(line = text_blank(line)); line += n) {
+        n = strcspn(line, " \t");
+        snprintf(word, sizeof word, "%.*s", (int)n, line);
+        (void)append_library(d, &lenient, word, text);
+    }
+}
+
+// The text of all libraries, for all materials; empty where there is none or they are left out.
+static struct prt_blob read_libraries(const struct obj *o)
+{
+    struct prt_blob text = {NULL, 0};
+    for (uint32_t i = 0; i < o->n_library && !o->d->no_textures; i++)
+        append_line(o->d, o->library[i], &text);
+    return text;
 }
 
 // The library's material of this name; *mapped where it has maps or emits light.
@@ -261,8 +319,9 @@ static int find_material(const struct obj *o, const struct prt_blob *library, co
     snprintf(m.name, sizeof m.name, "%s", name);
     prt_obj_material_parse(d, library->bytes, &m);
     if (!m.found) {
-        prt_log(d->ctx, PRT_LOG_WARNING, "%s: %s has no material \"%s\"", d->name, o->library,
-                name);
+        prt_log(d->ctx, PRT_LOG_WARNING, "%s: %s has %smaterial \"%s\"", d->name,
+                o->n_library > 1 ? "none of its libraries" : o->library[0],
+                o->n_library > 1 ? "" : "no ", name);
         return PRT_OK;
     }
     int status = prt_obj_material_apply(d, &m, surface, maps);
@@ -326,13 +385,28 @@ static int finish(struct obj *o)
     }
     int status = prt_obj_parts_settle(d, &o->parts);
     if (status) return status;
-    struct prt_blob library = read_library(o);
+    struct prt_blob library = read_libraries(o);
     status = add_parts(o, &library);
     prt_free(library.bytes);
     return status;
 }
 
-int prt_read_obj(struct prt_draft *d, const char *text, size_t n)
+// Puts blanks in place of a backslash at the end of the line and of the line's end behind it;
+// the number of further lines that the line has then.
+static size_t join_lines(char *line)
+{
+    size_t n = 0;
+    if (*text_blank(line) == '#') return 0;
+    for (char *from = line, *end; (end = strchr(from, '\n')); n++) {
+        char *last = end > line && end[-1] == '\r' ? end - 1 : end;
+        if (last == line || last[-1] != '\\') break;
+        memset(last - 1, ' ', (size_t)(end - last) + 2);
+        from = end;
+    }
+    return n;
+}
+
+int prt_read_obj(struct prt_draft *d, char *text, size_t n)
 {
     struct obj o = {.d = d, .line = 1};
     int status = PRT_OK;
@@ -340,8 +414,10 @@ int prt_read_obj(struct prt_draft *d, const char *text, size_t n)
     if (!o.c) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
     if (memchr(text, 0, n)) status = fail_line(&o, "a zero byte in an OBJ file");
     if (n >= 3 && !memcmp(text, "\xef\xbb\xbf", 3)) text += 3;
-    for (const char *p = text; p && *p && !status; o.line++) {
+    for (char *p = text; p && *p && !status; o.line++) {
+        const size_t more = join_lines(p);
         status = read_line(&o, text_blank(p));
+        o.line += more;
         p = strchr(p, '\n');
         if (p) p++;
     }

@@ -601,6 +601,54 @@ static void obj_keeps_its_vertices(void **state)
     assert_non_null(strstr(lines, "line 4"));
 }
 
+// A backslash continues a line, but not a comment; faults name the line that was begun.
+static void obj_lines_go_on(void **state)
+{
+    struct prt_mesh *m = must_load("# c:\\\nv 0 0 \\\n0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+                                   "f 1 2 \\\r\n 3 \\\r\n 4\nf 1 3 4\n");
+    assert_int_equal(m->n_vertex, 4);
+    assert_int_equal(m->n_triangle, 3);
+    assert_int_equal(m->triangle[1][2], 3);
+    prt_mesh_destroy(m);
+    assert_int_equal(
+        load_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 \\\n 2 3\nf 1 2 \\\n 4\n", NULL, &m),
+        PRT_FORMAT);
+    assert_non_null(strstr(lines, "line 6"));
+}
+
+// Every line mtllib counts, once, and every name on it; a name may hold blanks.
+static void obj_libraries_add_up(void **state)
+{
+    static const char text[] =
+        "mtllib a.mtl\nmtllib b.mtl  c.mtl\nmtllib a.mtl\nmtllib d e.mtl\n"
+        "mtllib no such.mtl\n"
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"
+        "v 2 0 0\nv 3 0 0\nv 2 1 0\nusemtl b\nf 4 5 6\n"
+        "v 4 0 0\nv 5 0 0\nv 4 1 0\nusemtl c\nf 7 8 9\n"
+        "v 6 0 0\nv 7 0 0\nv 6 1 0\nusemtl d\nf 10 11 12\n"
+        "v 8 0 0\nv 9 0 0\nv 8 1 0\nusemtl e\nf 13 14 15\n";
+    static const char *const file[] = {"a.mtl", "b.mtl", "c.mtl", "d e.mtl"};
+    char folder[] = "/tmp/prt-mesh-XXXXXX", library[64], clean[128];
+    struct prt_context ctx = context();
+    struct prt_mesh *m = NULL;
+    assert_non_null(mkdtemp(folder));
+    for (int i = 0; i < 4; i++) {
+        int n = snprintf(library, sizeof library, "newmtl %c\nKd .%d 0 0", 'a' + i, i + 1);
+        put_file(folder, file[i], library, (size_t)n);
+    }
+    assert_int_equal(
+        prt_mesh_load_memory(&ctx, "m.obj", text, sizeof text - 1, folder, NULL, &m), PRT_OK);
+    assert_int_equal(m->n_surface, 5);
+    for (uint32_t i = 0; i < 4; i++)
+        assert_float_equal(m->surface[i].base_color[0], (float)(i + 1) / 10, 1e-6);
+    assert_non_null(strstr(lines, "no material file \"no such.mtl\""));
+    assert_null(strstr(lines, "a.mtl\"")); // none of the others
+    assert_non_null(strstr(lines, "none of its libraries has material \"e\""));
+    prt_mesh_destroy(m);
+    snprintf(clean, sizeof clean, "rm -r '%s'", folder);
+    assert_int_equal(system(clean), 0);
+}
+
 static void put_swapped(char **p, const void *value, int n, bool swap)
 {
     for (int i = 0; i < n; i++) *(*p)++ = ((const char *)value)[swap ? n - 1 - i : i];
@@ -1009,6 +1057,8 @@ int main(void)
         cmocka_unit_test(what_is_not_read_cannot_fail),
         cmocka_unit_test(buffers_stay_in_the_folder),
         cmocka_unit_test(obj_keeps_its_vertices),
+        cmocka_unit_test(obj_lines_go_on),
+        cmocka_unit_test(obj_libraries_add_up),
         cmocka_unit_test(ply_in_three_formats),
         cmocka_unit_test(ply_numbers),
         cmocka_unit_test(zero_has_one_place),
