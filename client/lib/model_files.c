@@ -280,11 +280,21 @@ static int add_library(const struct sender *s, char *name, struct relight_error 
     return status;
 }
 
+// A line's libraries: one name that may hold blanks, or several names between blanks.
+static int add_libraries(const struct sender *s, char *line, struct relight_error *error)
+{
+    int status = 0;
+    if (is_beside(s, line)) return add_library(s, line, error);
+    for (char *name; !status && (name = strsep(&line, " \t"));)
+        if (*name) status = add_library(s, name, error);
+    return status;
+}
+
 static int add_obj_files(const struct sender *s, const struct relight_content *file,
                          struct relight_error *error)
 {
     static const char *const libraries[] = {"mtllib", NULL};
-    return for_lines(s, file, libraries, add_library, error);
+    return for_lines(s, file, libraries, add_libraries, error);
 }
 
 // ---- a model and its files

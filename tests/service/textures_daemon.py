@@ -171,10 +171,12 @@ def upside_down():
 
 OBJ = """mtllib none.mtl
 mtllib its materials.mtl\r
+mtllib its.mtl\tcloth.mtl
 v 0 0 1\nv 1 0 0\nv 0 1 0\nv -1 0 0\nv 0 -1 0\nv 0 0 -1
 vt 0 0\nvt 1 0\nvt 1 1
 usemtl skin
 """ + ''.join('f 1/1 %d/2 %d/3\nf 6/1 %d/2 %d/3\n' % (a, b, b, a) for a, b in ((2, 3), (3, 4), (4, 5), (5, 2)))
+OBJ += 'v 0 0 2\nv 1 0 2\nv 0 1 2\nusemtl cloth\nf 7/1 8/2 9/3\n'
 MTL = """newmtl skin
 map_Kd -s 1 1 1 -clamp on maps\\skin & all.png
   map_Pr\t../secret.png
@@ -187,6 +189,8 @@ def uploads_libraries():
     """An .obj comes with its material library and that one's images, but none from elsewhere."""
     os.makedirs('obj/maps', exist_ok=True)
     for name, part in (('o.obj', OBJ.encode()), ('its materials.mtl', MTL.encode()),
+                       ('its.mtl', b'newmtl other\n'), ('cloth.mtl', b'newmtl cloth\nmap_Kd cloth.png\n'),
+                       ('cloth.png', png(2, 2, [[(20, 200, 20)] * 2] * 2)),
                        ('maps/skin & all.png', png(4, 4, [[(200, 20, 20)] * 4] * 4))):
         with open('obj/' + name, 'wb') as f:
             f.write(part)
@@ -200,7 +204,7 @@ def uploads_libraries():
     with daemon('--data', 'data3'), package.Client('unix:socket') as client:
         relight('load', 'obj/o.obj', '--name', 'obj', *own)
         relight('image', 'obj', '--engine', 'tangent', *light, '-o', 'there.exr')
-        expect(len(images_of(client, 'obj')) == 1, 'images of the .obj: %s' % images_of(client, 'obj'))
+        expect(len(images_of(client, 'obj')) == 2, 'images of the .obj: %s' % images_of(client, 'obj'))
         same('there.exr', 'here.exr', .01)
         before = client.info('obj').id
         model = client.load('obj/o.obj', name='obj', mm_per_unit=1000, material='marble', preview=True)

@@ -86,7 +86,9 @@ def _image(folder: str, text: str) -> List[str]:
 
 def _obj(path: str, folder: str) -> List[str]:
     out: List[str] = []
-    for library in _behind(_LIBRARY, path):
+    lines = _behind(_LIBRARY, path)
+    # a line is one name that may hold blanks, or several names between blanks
+    for library in (name for line in lines for name in ([line] if _can_send(folder, line) else line.split())):
         if not _can_send(folder, library):
             continue
         out.append(library)
