@@ -76,8 +76,9 @@ static int open_variant(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
     const struct prt_transport *t = source->transport;
-    const bool baked =
-        !o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, source_engine_name(t));
+    const bool traced = o->term && !strcmp(o->term, "irradiance"); // by the reference engine
+    const bool baked = !traced && (!o->engine || !strcmp(o->engine, "vertex") ||
+                                   !strcmp(o->engine, source_engine_name(t)));
     const enum prt_variant_of of = baked ? prt_transport_variants(t) : PRT_VARIANT_OF_MODEL;
     const bool free_media = of == PRT_VARIANT_OF_FREE || of == PRT_VARIANT_OF_ANY_ETA;
     int status = prt_variant_create(&tool->ctx, source->path, source->mesh, &source->media, of,

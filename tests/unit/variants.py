@@ -94,6 +94,10 @@ def unbaked():
             image('wavelet-plain.prt', 'view.exr', *more)
             image('v.glb', 'own.exr', *more, '--mm-per-unit', '1000', '--cube', '16')
             same('own.exr', 'view.exr', .002)
+        more = ['--term', 'irradiance', '--variant', name]  # which no .prt holds
+        colors('wavelet-plain.prt', 'view.npy', *more)
+        colors('v.glb', 'own.npy', *more, '--mm-per-unit', '1000', '--cube', '16')
+        same('own.npy', 'view.npy', .002)
 
 
 def no_variants():
