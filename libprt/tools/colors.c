@@ -134,12 +134,6 @@ int run_colors(struct tool *tool)
         goto done;
     }
     status = engine ? load_light(tool, &source, reference, &cube) : EXIT_USAGE;
-    if (!status && !reference && o->term && !strcmp(o->term, "unscattered") &&
-        !source_has_walks(&source))
-        status = usage_error(o,
-                             "%s was baked with the dipole, which has no unscattered light: "
-                             "bake with --scattering walk",
-                             source.path);
     if (!status && !reference) status = source_material_error(tool, &source, o->term, &lost);
     if (status) goto done;
     float eye[3];

@@ -71,6 +71,20 @@ static void report_no_single(const struct tool *tool, const struct source *sourc
             "%s was baked without single scattering, which is 0", source->path);
 }
 
+// Only walks have unscattered light: those of the bake, or of --scattering walk.
+static int check_unscattered(const struct tool *tool, const struct source *source)
+{
+    const struct options *o = &tool->opt;
+    const bool walks = o->scattering && !strcmp(o->scattering, "walk");
+    if (!o->term || strcmp(o->term, "unscattered") || walks || source_has_walks(source))
+        return EXIT_DONE;
+    return usage_error(
+        o,
+        "%s was baked with the dipole, which has no unscattered light: bake with "
+        "--scattering walk",
+        source->path);
+}
+
 // The .prt as --variant has it: an engine of its own answers where the transport does not.
 static int open_variant(struct tool *tool, struct source *source)
 {
@@ -116,6 +130,7 @@ static int open_prt(struct tool *tool, struct source *source)
     source->mesh = &source->transport->mesh;
     source->media = source->transport->media;
     report_no_single(tool, source);
+    if ((status = check_unscattered(tool, source))) return status;
     if (o->variant && (status = open_variant(tool, source))) return status;
     if (!o->n_material) return EXIT_DONE;
     if (source->transport->engine == PRT_TRANSPORT_WAVELET)

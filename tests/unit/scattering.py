@@ -54,6 +54,13 @@ def choice():
     prt('bake', 'plate.obj', *fixed, *SMALL, '--scattering', 'dipole', '-o', 'given.prt')
     with open('chosen.prt', 'rb') as a, open('given.prt', 'rb') as b:
         expect(a.read() == b.read(), 'the chosen dipole has other bytes')
+    # which has no unscattered light: neither black colours, nor a picture, nor an error of 0
+    for words in (['colors', 'given.prt', '-o', 'u.csv'], ['colors', 'given.prt', '--engine', 'reference', '-o', 'u.csv'],
+                  ['image', 'given.prt', '-o', 'u.exr'], ['compare', 'given.prt', 'reference']):
+        said = prt(*words, '--env', 'constant', '--term', 'unscattered', status=2).stderr
+        expect('no unscattered light: bake with' in said, said)
+    prt('colors', 'given.prt', '--engine', 'reference', '--scattering', 'walk', '--walks', '16', '--env', 'constant',
+        '--term', 'unscattered', '-o', 'u.csv')
 
 
 def errors_of_draft(*options):
