@@ -289,8 +289,9 @@ int prt_scatter_all(struct frame *f, const struct radial_table *table,
 /* The same over a tree of samples; one table per object. */
 int prt_scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
                      float opening, float r_max);
-/* screen.c: fills screen->atlas with n texels and their irradiance. */
-int prt_frame_atlas(struct frame *f, uint32_t n);
+/* screen.c: fills screen->atlas with n texels and their irradiance, in the model's own uv where
+ * they are one to one, or with `equal` along triangles, all of one area. */
+int prt_frame_atlas(struct frame *f, uint32_t n, bool equal);
 /* Distant lights that stand for the input's cube; 0 without one. options may be NULL. */
 uint32_t prt_cube_lights(const struct prt_screen_input *input,
                          const struct prt_screen_options *options);

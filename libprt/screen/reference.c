@@ -99,7 +99,7 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
 int prt_engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error)
 {
     double t0 = prt_time_s();
-    int status = prt_frame_atlas(f, n_texel);
+    int status = prt_frame_atlas(f, n_texel, true);
     if (status) return status;
     double t1 = prt_time_s();
     const struct samples *s = &f->screen->atlas;

@@ -82,11 +82,10 @@ float prt_frame_mean_free_path(const struct frame *f)
     return (float)least;
 }
 
-int prt_frame_atlas(struct frame *f, uint32_t n)
+int prt_frame_atlas(struct frame *f, uint32_t n, bool equal)
 {
     struct prt_screen *s = f->screen;
-    // the reference always has texels of equal area
-    bool own_uv = s->uv_state >= 0 && f->options->engine != PRT_SCREEN_REFERENCE;
+    bool own_uv = s->uv_state >= 0 && !equal;
     if (!s->atlas.n || s->atlas_size != n || s->atlas_uv != own_uv) {
         prt_samples_finish(&s->atlas);
         s->atlas_size = n;
@@ -99,7 +98,7 @@ int prt_frame_atlas(struct frame *f, uint32_t n)
         if (!status && !s->atlas_uv) status = prt_samples_atlas(f->ctx, s->mesh, n, &s->atlas);
         if (status) return status;
     }
-    f->report->uv_atlas = s->atlas_uv;
+    if (!equal) f->report->uv_atlas = s->atlas_uv;
     return prt_frame_irradiance(f, &s->atlas);
 }
 

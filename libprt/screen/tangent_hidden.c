@@ -68,9 +68,11 @@ int prt_tangent_hidden(struct frame *f, const struct tangent_job *job,
     float lu = prt_frame_mean_free_path(f), far = 4 * f->screen->diameter_mm;
     if (!prt_frame_light_views_only(f)) {
         double texels = f->screen->area_mm2 / (0.5 * (double)lu * lu);
-        int status = prt_frame_atlas(f, texels < 8192    ? 8192
-                                        : texels > 65536 ? 65536
-                                                         : (uint32_t)texels);
+        int status = prt_frame_atlas(f,
+                                     texels < 8192    ? 8192
+                                     : texels > 65536 ? 65536
+                                                      : (uint32_t)texels,
+                                     false);
         if (status) return status;
         status = clear_readable(f, job, seen, &f->screen->atlas);
         return status ? status : prt_scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);

@@ -489,7 +489,7 @@ int prt_engine_texture(struct frame *f, bool hybrid)
 {
     struct texture_job job = {.hybrid = hybrid};
     double t0 = prt_time_s();
-    int status = prt_frame_atlas(f, plan_texels(f, &job));
+    int status = prt_frame_atlas(f, plan_texels(f, &job), false);
     double t1 = prt_time_s();
     f->report->irradiance_s = t1 - t0;
     if (!job_init(&job, f) && !status)

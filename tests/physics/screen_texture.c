@@ -273,6 +273,39 @@ static void uv_are_the_atlas(void **state)
     free(plain);
 }
 
+// Law: the measured error is that against the reference's picture, also where the engine's own
+// texels lie in uv that crowd on half of the model (prt_screen_options.measure_error).
+static void measured_in_uneven_uv(void **state)
+{
+    enum { N = 24 };
+    const struct prt_camera camera = {.eye = {0, 60, 0}, .up = {0, 0, 1}, .fovy_deg = 24};
+    const struct prt_screen_light light = {{0, 0.8f, 0.6f}, {3, 3, 3}, false};
+    struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 70000};
+    struct prt_screen_options options = {
+        .engine = PRT_SCREEN_TEXTURE, .n_sample = 3000, .measure_error = true};
+    struct prt_screen_report report;
+    struct model model;
+    struct stage s;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, N);
+    add_uv(&model, N, 0);
+    for (uint32_t v = 0; v < model.mesh.n_vertex; v++) {
+        float *y = &model.mesh.uv[v][1]; // the upper half takes a 10th
+        *y = *y < 0.5f ? 0.2f * *y : 0.1f + 1.8f * (*y - 0.5f);
+    }
+    stage_init(&s, &model, camera, 60, 60);
+    pixels want = render(&s, &marble, NULL, &light, exact, NULL);
+    pixels got = render(&s, &marble, NULL, &light, options, &report);
+    const double error = relative(got, want, s.g.n_point);
+    assert_true(report.uv_atlas);
+    expect_close("measured error over that of the whole picture", report.error, error, 0.1);
+    free(got);
+    free(want);
+    stage_finish(&s);
+    free(model.mesh.uv);
+    model_finish(&model);
+}
+
 // Bytes of addresses that this process has.
 static size_t address_space(void)
 {
@@ -307,11 +340,11 @@ static void uv_are_tried_again(void **state)
     limit = before;
     limit.rlim_cur = (rlim_t)address_space() + (200 << 20);
     assert_int_equal(setrlimit(RLIMIT_AS, &limit), 0);
-    int status = prt_frame_atlas(&f, 1 << 24);
+    int status = prt_frame_atlas(&f, 1 << 24, false);
     assert_int_equal(setrlimit(RLIMIT_AS, &before), 0);
     assert_int_equal(status, PRT_NOMEM);
     assert_int_equal(screen.uv_state, 0);
-    assert_int_equal(prt_frame_atlas(&f, 20000), PRT_OK);
+    assert_int_equal(prt_frame_atlas(&f, 20000, false), PRT_OK);
     assert_true(report.uv_atlas);
     prt_samples_finish(&screen.atlas);
     free(irradiance);
@@ -423,6 +456,7 @@ int main(void)
         cmocka_unit_test(short_mean_free_paths_stay_sharp),
         cmocka_unit_test(fins_shine_on_their_lit_side),
         cmocka_unit_test(uv_are_the_atlas),
+        cmocka_unit_test(measured_in_uneven_uv),
         cmocka_unit_test(uv_are_tried_again),
         cmocka_unit_test(pattern_is_the_near_part),
         cmocka_unit_test(pattern_of_each_medium),
