@@ -197,7 +197,8 @@ static int make_tables(struct gltf *g)
     g->draco = prt_gltf_own(g, n_view * sizeof *g->draco);
     g->surface_of = prt_gltf_own(g, n_surface * sizeof *g->surface_of);
     g->opaque_of = prt_gltf_own(g, n_surface * sizeof *g->opaque_of);
-    if (!g->view_bytes || !g->draco || !g->surface_of || !g->opaque_of)
+    g->colored = prt_gltf_own(g, 2 * n_surface);
+    if (!g->view_bytes || !g->draco || !g->surface_of || !g->opaque_of || !g->colored)
         return prt_gltf_no_memory(g);
     memset(g->surface_of, 0xff, n_surface * sizeof *g->surface_of);
     memset(g->opaque_of, 0xff, n_surface * sizeof *g->opaque_of);

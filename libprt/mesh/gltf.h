@@ -44,6 +44,7 @@ struct gltf {
     struct gltf_owned *owned;
     uint64_t loaded_bytes;            // of buffers and decoded views, against d->max_bytes
     uint32_t *surface_of, *opaque_of; // [n_material + 1] into d->surface, UINT32_MAX: not yet
+    uint8_t *colored;                 // [2 (n_material + 1)] of d->surface: one with COLOR_0
     size_t mesh_index;                // of the mesh being read, for messages
     struct cJSON *json;    // the file's materials, textures and images; NULL: it has none
     uint32_t *image_index; // [n_json_image][PRT_TEXTURE_N_KIND] into d->image; see gltf_image.c

@@ -62,6 +62,18 @@ int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
     return PRT_OK;
 }
 
+// The factor of a translucent surface counts with a texture or vertex colours alone. The mesh
+// has colours for all vertices or none: a surface without them must not take it from another's.
+static void drop_factor(const struct gltf *g, uint32_t surface)
+{
+    const struct prt_draft *d = g->d;
+    const bool textured =
+        surface < d->cap_maps && d->maps[surface].map[PRT_MAP_BASE].image != UINT32_MAX;
+    struct prt_surface *s = &d->surface[surface];
+    if (!d->has_color || !s->translucent || textured || g->colored[surface]) return;
+    for (int c = 0; c < 4; c++) s->base_color[c] = 1;
+}
+
 void prt_gltf_settle_surfaces(struct gltf *g)
 {
     bool any = false;
@@ -72,5 +84,6 @@ void prt_gltf_settle_surfaces(struct gltf *g)
     for (uint32_t i = 0; i < g->d->n_surface; i++) {
         struct prt_surface *s = &g->d->surface[i];
         if (s->translucent == 2) s->translucent = !any;
+        drop_factor(g, i);
     }
 }

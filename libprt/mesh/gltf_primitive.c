@@ -285,6 +285,16 @@ static int place(struct gltf *g, const struct instance *at, const struct corners
     return status;
 }
 
+// Notes the surfaces of the last block, in all variants, as those of vertex colours.
+static void note_colored(struct gltf *g)
+{
+    const struct prt_draft *d = g->d;
+    const size_t width = d->n_variant + 1ull;
+    g->colored[d->block[d->n_block - 1].surface] = 1;
+    for (size_t i = 0; d->n_variant && i < width; i++)
+        g->colored[d->variant_surface[width * (d->n_block - 1) + i]] = 1;
+}
+
 static int finish_primitive(struct gltf *g, int64_t given, const struct instance *at,
                             struct corners *c, int mode)
 {
@@ -332,6 +342,7 @@ static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,
         if (!status) status = read_indices(g, p->indices, &c);
     }
     if (!status) status = finish_primitive(g, p->material, at, &c, mode);
+    if (!status && p->color >= 0) note_colored(g);
     free((void *)c.index);
     return status;
 }

@@ -398,6 +398,27 @@ static void materials_decide(void **state)
 }
 
 // A surface that the file does not name is "default", for --opaque, too.
+// COLOR_0 of one object leaves another as it is: the factor of a translucent surface counts
+// where that has a texture or colours itself.
+static void colours_are_of_their_object(void **state)
+{
+    static const char rest[] = TETRA_VIEWS
+        ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,1,1,1]}},"
+        "{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.25,1,1,1]}}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"COLOR_0\":0},"
+        "\"indices\":1,\"material\":0}]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
+        "\"indices\":1,\"material\":1}]}],\"nodes\":[{\"mesh\":0},{\"mesh\":1}]";
+    struct prt_mesh *m = must_load(gltf(&tetrahedron, sizeof tetrahedron, rest));
+    const float no[2] = {0, 0}, up[3] = {0, 0, 1};
+    struct prt_look look;
+    assert_non_null(m->color);
+    prt_mesh_look(m, 3, 0, 0, 0, no, no, up, &look); // at x 1
+    assert_float_equal(look.base[0], 0.5, 1e-6);
+    prt_mesh_look(m, 7, 1, 0, 0, no, no, up, &look);
+    assert_float_equal(look.base[0], 1, 0);
+    prt_mesh_destroy(m);
+}
+
 static void unnamed_surfaces(void **state)
 {
     static const char *const texts[] = {
@@ -1063,6 +1084,7 @@ int main(void)
         cmocka_unit_test(ply_numbers),
         cmocka_unit_test(zero_has_one_place),
         cmocka_unit_test(unnamed_surfaces),
+        cmocka_unit_test(colours_are_of_their_object),
         cmocka_unit_test(obj_faces_in_turns),
         cmocka_unit_test(scale_is_refused_or_done),
         cmocka_unit_test(colours_round_trip),
