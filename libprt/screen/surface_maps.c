@@ -186,7 +186,11 @@ static int occlude_samples(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t i = begin; i < end; i++) {
         struct prt_look look;
         look_at(job->f, s, i, &look);
-        float k = prt_mesh_tint(job->f->screen->mesh, look.base) * look.occlusion;
+        const uint32_t block = job->f->screen->triangle_block[s->triangle[i]];
+        float k = look.occlusion;
+        // an albedo map is there instead of the file's base colour
+        if (!map_of(job->f, job->f->options->sigma_a_map, block))
+            k *= prt_mesh_tint(job->f->screen->mesh, look.base);
         for (int c = 0; c < 3; c++) s->e[c][i] *= k;
     }
     return PRT_OK;
@@ -219,7 +223,7 @@ static int turn_points(void *arg, size_t begin, size_t end, unsigned worker)
         const struct prt_screen_map *height = map_of(job->f, job->f->options->bump_map, block);
         float uv[2], du[3], dv[3], n[3], out[3];
         for (int k = 0; k < 3; k++) out[k] = n[k] = s->normal[k][i];
-        if (!turn && mesh->maps) {
+        if (!turn && !height && mesh->maps) { // which either replaces
             struct prt_look look;
             look_at(job->f, s, i, &look);
             memcpy(n, look.normal, sizeof n);

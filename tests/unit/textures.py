@@ -65,6 +65,8 @@ def check():
     bump = {'normalTexture': {'index': 0}, 'pbrMetallicRoughness': {'roughnessFactor': .3}}
     glb('level.glb', [flat((128, 128, 255))], bump)
     glb('waves.glb', [png(8, 8, [[(128 + 90 * (x % 2 * 2 - 1), 128, 220) for x in range(8)]] * 8)], bump)
+    with open('white.png', 'wb') as f:
+        f.write(flat((255, 255, 255)))
     side = ['--engine', 'tangent', '--scattering', 'dipole', '--samples', '64']
     for name in ('plain', 'level', 'waves'):
         image(name + '.glb', name + '.exr', *side)
@@ -72,6 +74,17 @@ def check():
            rmse('level.exr', 'plain.exr'))
     expect(rmse('waves.exr', 'plain.exr') > 0.01, 'a bumpy map changes the picture by %g alone' %
            rmse('waves.exr', 'plain.exr'))
+
+    # maps that are given replace the file's: its base colour, blurred or not, and its normals
+    over = [*side, '--term', 'multiple', '--albedo-map', 'white.png']
+    image('plain.glb', 'plain-white.exr', *over)
+    image('grey.glb', 'grey-white.exr', *over, '--texture-split', '1')
+    expect(rmse('grey-white.exr', 'plain-white.exr') < 1e-3, 'a texture shows through --albedo-map: %g' %
+           rmse('grey-white.exr', 'plain-white.exr'))
+    for name in ('plain', 'waves'):
+        image(name + '.glb', name + '-bump.exr', *side, '--term', 'multiple', '--bump-map', 'white.png')
+    expect(rmse('waves-bump.exr', 'plain-bump.exr') < 1e-3, 'normals of the file show through --bump-map: %g' %
+           rmse('waves-bump.exr', 'plain-bump.exr'))
 
     # OBJ: the library's image, by corners at the seam; the same ball as the glTF's
     at, uv, tri = ball()
