@@ -85,15 +85,21 @@ static int check_unscattered(const struct tool *tool, const struct source *sourc
         source->path);
 }
 
+// Whether the transport answers; else an engine that needs no bake, as of all irradiance.
+static bool answers_baked(const struct options *o, const struct prt_transport *t)
+{
+    if (o->term && !strcmp(o->term, "irradiance")) return false;
+    return !o->engine || !strcmp(o->engine, "vertex") ||
+           !strcmp(o->engine, source_engine_name(t));
+}
+
 // The .prt as --variant has it: an engine of its own answers where the transport does not.
 static int open_variant(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
     const struct prt_transport *t = source->transport;
-    const bool traced = o->term && !strcmp(o->term, "irradiance"); // by the reference engine
-    const bool baked = !traced && (!o->engine || !strcmp(o->engine, "vertex") ||
-                                   !strcmp(o->engine, source_engine_name(t)));
-    const enum prt_variant_of of = baked ? prt_transport_variants(t) : PRT_VARIANT_OF_MODEL;
+    const enum prt_variant_of of =
+        answers_baked(o, t) ? prt_transport_variants(t) : PRT_VARIANT_OF_MODEL;
     const bool free_media = of == PRT_VARIANT_OF_FREE || of == PRT_VARIANT_OF_ANY_ETA;
     int status = prt_variant_create(&tool->ctx, source->path, source->mesh, &source->media, of,
                                     o->variant, &source->variant);
@@ -132,6 +138,12 @@ static int open_prt(struct tool *tool, struct source *source)
     report_no_single(tool, source);
     if ((status = check_unscattered(tool, source))) return status;
     if (o->variant && (status = open_variant(tool, source))) return status;
+    if (o->no_textures && !answers_baked(o, source->transport)) {
+        source->plain = *source->mesh;
+        source->plain.texture_split = 0;
+        prt_mesh_drop_textures(&source->plain);
+        source->mesh = &source->plain;
+    }
     if (!o->n_material) return EXIT_DONE;
     if (source->transport->engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o,

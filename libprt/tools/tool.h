@@ -111,6 +111,7 @@ struct source {
     bool media_given;                      /* by --material */
     struct prt_media *made;                /* memory of media, or NULL */
     struct prt_variant *variant;           /* of a .prt: --variant; `mesh` is its mesh */
+    struct prt_mesh plain; /* of a .prt: --no-textures; shares `mesh`'s arrays */
 };
 /* Another program's material and its medium as JSON; the caller deletes it. */
 struct cJSON *describe_import(const struct prt_import *item);

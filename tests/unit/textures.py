@@ -51,6 +51,12 @@ def check():
     image('grey.prt', 'got.exr', '--term', 'multiple')
     image('plain.prt', 'want.exr', '--term', 'multiple', '--env', dim)
     expect(rmse('got.exr', 'want.exr') < 0.02, 'a baked texture is off by %g' % rmse('got.exr', 'want.exr'))
+    # an engine that needs no bake leaves all of it out, as of a model
+    for name in ('grey', 'plain'):
+        image(name + '.prt', name + '-bare.exr', '--term', 'multiple', '--engine', 'tangent', '--scattering', 'dipole',
+              '--samples', '64', '--no-textures')
+    expect(rmse('grey-bare.exr', 'plain-bare.exr') < 1e-3, 'a texture shows through --no-textures: %g' %
+           rmse('grey-bare.exr', 'plain-bare.exr'))
     run = prt('image', 'grey.prt', '--env', 'constant', '--texture-split', '0.3', '-o', 'x.exr', status=2)
     expect('bake again' in run.stderr, 'the error of --texture-split for a .prt: ' + run.stderr)
 
