@@ -65,6 +65,7 @@ static int fill(void *arg, size_t begin, size_t end, unsigned worker)
             if (g->turned[k]) g->turned[k][i] = look.normal[k];
             if (g->emission[k]) g->emission[k][i] = look.emission[k];
         }
+        if (g->smooth) g->smooth[i] = g->variance[i];
         g->variance[i] = 1 - (1 - g->variance[i]) * (1 - look.variance);
         if (g->roughness) g->roughness[i] = look.roughness;
         if (g->occlusion) g->occlusion[i] = look.occlusion;
@@ -103,9 +104,9 @@ int prt_raster_look(const struct prt_context *ctx, const struct prt_mesh *mesh,
     } row[] = {{has.base, &g->base[0]},         {has.base, &g->base[1]},
                {has.base, &g->base[2]},         {has.normal, &g->turned[0]},
                {has.normal, &g->turned[1]},     {has.normal, &g->turned[2]},
-               {has.roughness, &g->roughness},  {has.occlusion, &g->occlusion},
-               {has.emission, &g->emission[0]}, {has.emission, &g->emission[1]},
-               {has.emission, &g->emission[2]}};
+               {has.normal, &g->smooth},        {has.roughness, &g->roughness},
+               {has.occlusion, &g->occlusion},  {has.emission, &g->emission[0]},
+               {has.emission, &g->emission[1]}, {has.emission, &g->emission[2]}};
     if (!prt_mesh_has_look(mesh)) return PRT_OK;
     for (size_t i = 0; i < sizeof row / sizeof *row; i++)
         if (row[i].wanted &&
@@ -121,6 +122,7 @@ void prt_raster_look_finish(struct prt_gbuffer *g)
         prt_free(g->turned[k]);
         prt_free(g->emission[k]);
     }
+    prt_free(g->smooth);
     prt_free(g->roughness);
     prt_free(g->occlusion);
 }

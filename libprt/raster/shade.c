@@ -153,6 +153,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     struct prt_gbuffer own = vis->g;
     if (s->leave_out & PRT_LOOK_BASE) own.base[0] = NULL;
     if (s->leave_out & PRT_LOOK_NORMAL) own.turned[0] = NULL;
+    if (s->leave_out & PRT_LOOK_NORMAL && own.smooth) own.variance = own.smooth;
     if (s->leave_out & PRT_LOOK_REST) own.roughness = own.occlusion = own.emission[0] = NULL;
     job->vis = vis;
     job->g = &own;

@@ -464,7 +464,7 @@ uint64_t prt_visibility_bytes(const struct prt_visibility *vis)
     return sizeof *vis + 8 * ((uint64_t)vis->height + 1) +
            (uint64_t)vis->n_covered * (4 + 8 * (uint64_t)vis->n_sub) +
            (uint64_t)vis->g.n_point *
-               (69 + (vis->g.base[0] ? 12 : 0) + (vis->g.turned[0] ? 12 : 0) +
+               (69 + (vis->g.base[0] ? 12 : 0) + (vis->g.turned[0] ? 16 : 0) +
                 (vis->g.roughness ? 4 : 0) + (vis->g.occlusion ? 4 : 0) +
                 (vis->g.emission[0] ? 12 : 0) + (vis->g.unblocked ? 4 : 0));
 }

@@ -109,6 +109,7 @@ struct prt_gbuffer {
     /* Look of textured meshes (prt/mesh.h); NULL for others. */
     float *base[3];     /* [n_point] factor of the radiance after scattering */
     float *turned[3];   /* [n_point] unit normal of the specular reflection */
+    float *smooth;      /* [n_point] `variance` without that of the normal map */
     float *roughness;   /* [n_point] [0,1]; -1: of the medium */
     float *occlusion;   /* [n_point] (0,1] factor of the specular reflection and of opaque
                            surfaces' radiance */
