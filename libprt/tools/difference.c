@@ -31,11 +31,16 @@ static int ratio_order(const void *a, const void *b)
 static int measure(const struct source *source, const float (*dipole)[3],
                    const float (*walk)[3], struct difference *out)
 {
-    const uint32_t n_vertex = source->mesh->n_vertex;
-    double *ratio = malloc((n_vertex + 1u) * sizeof *ratio), error = 0, all = 0;
-    uint32_t n = 0;
-    if (!ratio) return PRT_NOMEM;
-    for (uint32_t v = 0; v < n_vertex; v++) {
+    const struct prt_mesh *mesh = source->mesh;
+    double *ratio = malloc((mesh->n_vertex + 1u) * sizeof *ratio), error = 0, all = 0;
+    uint32_t *block = prt_mesh_vertex_blocks(mesh), n = 0;
+    if (!ratio || !block) {
+        free(ratio);
+        prt_free(block);
+        return PRT_NOMEM;
+    }
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+        if (!mesh->surface[mesh->block[block[v]].surface].translucent) continue;
         for (int c = 0; c < 3; c++) {
             const double d = (double)dipole[v][c] - (double)walk[v][c];
             error += d * d;
@@ -48,6 +53,7 @@ static int measure(const struct source *source, const float (*dipole)[3],
     out->darkest = n ? ratio[n / 50] : 0;
     out->brightest = n ? ratio[n - 1 - n / 50] : 0;
     free(ratio);
+    prt_free(block);
     return PRT_OK;
 }
 
