@@ -215,6 +215,21 @@ static int no_memory(const struct tool *tool)
     return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the picture"));
 }
 
+// A variant's albedo is part of the base colour of a picture: planes take it where that is left
+// out.
+static void gain_planes(const struct picture *p)
+{
+    const struct prt_mesh *mesh = p->source.mesh;
+    if (!mesh->gain || !(p->leave_out & PRT_LOOK_BASE)) return;
+    for (unsigned k = 0; k < p->n_plane; k++)
+        for (uint32_t i = 0; i < mesh->n_block; i++) {
+            const struct prt_block *b = &mesh->block[i];
+            float *plane = p->planes + 3 * ((size_t)k * mesh->n_vertex + b->vertex_begin);
+            for (size_t x = 0; x < 3 * (size_t)b->n_vertex; x++)
+                plane[x] *= mesh->gain[i][x % 3];
+        }
+}
+
 // Phase planes of a baked transport.
 static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
 {
@@ -229,7 +244,9 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     if (status) return tool_exit(tool, status);
     p->planes = prt_alloc((size_t)p->n_plane * t->mesh.n_vertex, 3 * sizeof(float));
     if (!p->planes) return no_memory(tool);
-    return tool_exit(tool, prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, p->planes));
+    status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, p->planes);
+    if (!status) gain_planes(p);
+    return tool_exit(tool, status);
 }
 
 // One plane by brute force: the terms without their outgoing Fresnel factor, which the shading
