@@ -225,7 +225,7 @@ describe("the link", () => {
     const lamp = (text: string) => fromFragment(`light=${text}`).lamps[0];
     expect(lamp("constant@10,500")).toMatchObject({ rotate: 10, tilt: 90, gain: [1, 1, 1] });
     expect(lamp("constant@10,-91")).toMatchObject({ tilt: -90 });
-    expect(lamp("constant@0,0,-1,1e9,0.5")).toMatchObject({ gain: [0, 1e4, 0.5] });
+    expect(lamp("constant@0,0,-1,1e9,0.5")).toMatchObject({ gain: [0, 1e6, 0.5] });
     expect(lamp("constant@0,90")).toMatchObject({ tilt: 90 });
     expect(fromFragment("light=constant&".repeat(9)).lamps).toHaveLength(8);
   });
@@ -233,7 +233,7 @@ describe("the link", () => {
     const odd = fromFragment(
       "#light=javascript:1@2,3&orbit=a,b,c&ev=1e99&term=x&background=1,2&tone=",
     );
-    expect(odd).toEqual({ ...FIRST, exposure: 16 });
+    expect(odd).toEqual({ ...FIRST, exposure: 40 });
     expect(fromFragment("#compare=wipe@x").compare).toBeNull();
     expect(fromFragment("#compare=none@0.5&other=").compare).toBeNull();
     expect(fromFragment("#compare=side@7&other=ev%3D2").compare).toEqual({

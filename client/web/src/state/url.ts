@@ -14,6 +14,10 @@ import {
   type SceneState,
 } from "./scene-state";
 
+// As a room's scene may have them.
+const MOST_GAIN = 1e6;
+const MOST_EV = 40;
+
 const round = (x: number, digits = 2) => Number(x.toFixed(digits));
 const list = (values: readonly number[], digits = 2) =>
   values.map((x) => round(x, digits)).join(",");
@@ -49,7 +53,7 @@ function lampFrom(text: string): LampState | null {
     at < 0 ? [0, 0] : (numbers(text.slice(at + 1), 2) ?? numbers(text.slice(at + 1), 5));
   if (!values) return null;
   const [rotate = 0, tilt = 0, r = 1, g = 1, b = 1] = values;
-  const gain = [r, g, b].map((x) => Math.min(1e4, Math.max(0, x))) as Vec3;
+  const gain = [r, g, b].map((x) => Math.min(MOST_GAIN, Math.max(0, x))) as Vec3;
   return { env, rotate, tilt: Math.min(90, Math.max(-90, tilt)), gain };
 }
 
@@ -129,7 +133,7 @@ export function fromFragment(fragment: string): SceneState {
     variant: (words.get("variant") ?? "").slice(0, 63),
     term: word(words.get("term"), TERMS, FIRST.term),
     ...heatFrom(words.get("heat")),
-    exposure: number(words.get("ev"), 0, -16, 16),
+    exposure: number(words.get("ev"), 0, -MOST_EV, MOST_EV),
     tone: word(words.get("tone"), TONES, FIRST.tone),
     background:
       background === "environment"
