@@ -1,9 +1,18 @@
 // SPDX-License-Identifier: MIT
 // From one room to another: nothing of the first one is in the second.
-import { create } from "@bufbuild/protobuf";
+import { create, toBinary, type MessageInitShape } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import { fakeDaemon, tellState, turn } from "./fake-browser";
-import { PinSchema, RoomRole, SeenSchema } from "../src/gen/relight_pb";
+import {
+  EventKind,
+  EventSchema,
+  PinSchema,
+  type RoomActionSchema,
+  RoomEventsSchema,
+  RoomRole,
+  RoomStateSchema,
+  SeenSchema,
+} from "../src/gen/relight_pb";
 import { Type } from "../src/protocol/frame";
 import type { Mesh } from "../src/scene/geometry";
 import type { Viewer } from "../src/scene/viewer";
@@ -149,4 +158,36 @@ test("a light that the daemon refused is not sent at every change", async () => 
   await turn();
   expect(sent()).toBe(first);
   expect(store.notice.value).toBeNull();
+});
+
+test("a state that is older than the events is asked for again", async () => {
+  const told = (sequence: bigint, action: MessageInitShape<typeof RoomActionSchema>) =>
+    daemon.streams.at(-1)?.answered({
+      message: create(EventSchema, { kind: EventKind.EVENT_ROOM_EVENTS }),
+      payload: toBinary(
+        RoomEventsSchema,
+        create(RoomEventsSchema, { events: [{ stamp: { sequence }, action }] }),
+      ),
+    });
+  const state = (sequence: bigint, resolved: boolean) => {
+    const pins = [{ stamp: { sequence: 5n }, resolved }];
+    const init = { room: "r8", sequence, scene: { model: MODEL, lights: light(0) }, pins };
+    return toBinary(RoomStateSchema, create(RoomStateSchema, init));
+  };
+  sitIn("r8", 0);
+  let answer: (message: unknown) => void = () => undefined;
+  daemon.answer = (type) =>
+    type === Type.RoomGet ? new Promise((done) => (answer = done)) : {};
+  told(10n, { status: { pin: 5n, resolved: true } });
+  await turn();
+  // Somebody turns the light before the answer, which was made before that.
+  told(11n, { scene: { scene: { lights: light(30) }, parts: ["lights"] } });
+  daemon.payload = state(10n, true);
+  daemon.answer = () => ({ sequence: 11n, role: RoomRole.ROLE_OWNER });
+  answer({ sequence: 10n, role: RoomRole.ROLE_OWNER });
+  await Promise.resolve();
+  daemon.payload = state(11n, true);
+  await turn();
+  expect(here.state.value?.pins[0]?.resolved).toBe(true);
+  daemon.payload = new Uint8Array(0);
 });

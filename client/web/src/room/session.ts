@@ -256,8 +256,12 @@ function fetchState(): void {
       client.request(Type.RoomGet, RoomGetRequestSchema, { room: id }, RoomGetAnswerSchema);
     whenFree(ask, () => id === roomId.value)
       .then(({ message, payload }) => {
-        // Older than what is shown: the events behind it bring a newer one.
-        if (id !== roomId.value || message.sequence < lastSequence) return;
+        if (id !== roomId.value) return;
+        // Older than what is shown. The event behind it may ask for none: a change of the scene.
+        if (message.sequence < lastSequence) {
+          fetchState();
+          return;
+        }
         role.value = message.role as RoomRole;
         takeState(payload);
       })
