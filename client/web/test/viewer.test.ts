@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 import { expect, test, vi } from "vitest";
-import { create } from "@bufbuild/protobuf";
+import { create, type MessageInitShape } from "@bufbuild/protobuf";
 import {
   ColorFormat,
   ErrorCode,
@@ -318,10 +318,11 @@ test("lights that were refused are sent whole with the next change", async () =>
   viewer.close();
 });
 
-// Returns the first n color formats that the viewer asks for. The daemon has a baked model of one
-// triangle with factors of rank 1; the stage draws nothing. gain: the variant's albedo over the baked one.
-async function formatsOf(gain: { x: number; y: number; z: number } | undefined, n: number) {
+// A viewer of a baked model of one triangle with factors of rank 1; the stage draws nothing. gain: the
+// variant's albedo over the baked one. formats: color formats that the viewer asks for.
+function bakedRig(gain?: { x: number; y: number; z: number }) {
   const formats: unknown[] = [];
+  const asked: Type[] = [];
   const [sections, factors] = [new Uint8Array(84), new Uint8Array(84)];
   factors.set(new Uint8Array(Uint32Array.from([3, 1, 0, 1, 2]).buffer)); // 3 vertices, rank 1
   const tensor = {
@@ -359,6 +360,7 @@ async function formatsOf(gain: { x: number; y: number; z: number } | undefined, 
     has: (feature: string) => feature === "coefficients",
     notify: () => undefined,
     request: (type: Type, _: unknown, init: { state: Set }) => {
+      asked.push(type);
       if (type === Type.ViewSet && init.state.fields.includes("options.color_format"))
         formats.push(init.state.options?.colorFormat);
       const [message = {}, payload = new Uint8Array(0)] = answers[type] ?? [];
@@ -379,13 +381,18 @@ async function formatsOf(gain: { x: number; y: number; z: number } | undefined, 
     { status: none, info: none, fine: none, fault: (error) => formats.push(error) },
   );
   viewer.show({ ...FIRST, model: "a", lamps: [{ ...FIRST_LAMP, env: "constant" }] });
+  const frame = (init: MessageInitShape<typeof ViewFrameSchema>) =>
+    framed?.({ message: create(ViewFrameSchema, init), payload: new Uint8Array(0) });
+  return { viewer, formats, asked, frame };
+}
+
+// The first n color formats.
+async function formatsOf(gain: Parameters<typeof bakedRig>[0], n: number) {
+  const { viewer, formats, frame } = bakedRig(gain);
   await vi.waitFor(() => expect(viewer.shape).not.toBeNull(), SLOW);
   await import("../src/scene/factors");
   await new Promise((done) => setTimeout(done, 50));
-  framed?.({
-    message: create(ViewFrameSchema, { frame: 1n, equal: true }),
-    payload: new Uint8Array(0),
-  });
+  frame({ frame: 1n, equal: true });
   await new Promise((done) => setTimeout(done, 50));
   await vi.waitFor(() => expect(formats.length).toBeGreaterThanOrEqual(n), SLOW);
   viewer.close();
@@ -397,4 +404,16 @@ test("coefficients are asked for where the albedo is the one that was baked", as
   expect(await formatsOf(undefined, 1)).toEqual([ColorFormat.COLOR_COEFFICIENTS]);
   expect(await formatsOf({ x: 1, y: 1, z: 1 }, 1)).toEqual([ColorFormat.COLOR_COEFFICIENTS]);
   expect(await formatsOf({ x: 1, y: 0.5, z: 1 }, 0)).toEqual([]);
+});
+
+test("a model that was replaced by one of another mesh is fetched again", async () => {
+  const { viewer, asked, frame } = bakedRig();
+  await vi.waitFor(() => expect(viewer.shape).not.toBeNull(), SLOW);
+  const meshes = () => asked.filter((type) => type === Type.Geometry).length;
+  frame({ frame: 1n, colors: { nVertex: 3 } });
+  await new Promise((done) => setTimeout(done, 50));
+  expect(meshes()).toBe(1);
+  frame({ frame: 2n, colors: { nVertex: 4 } });
+  await vi.waitFor(() => expect(meshes()).toBe(2), SLOW);
+  viewer.close();
 });

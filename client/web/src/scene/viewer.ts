@@ -578,17 +578,24 @@ export class Viewer {
   private drawColors(colors: ColorsAnswer, payload: Uint8Array): void {
     const { stage, factors, state, mesh } = this;
     const light = colors.coefficients;
-    if (!stage || !state || mesh?.nVertex !== colors.nVertex) return; // of another model
+    if (!stage || !state || !mesh) return;
+    if (mesh.nVertex !== colors.nVertex) {
+      this.openAnew();
+      return;
+    }
     this.outgoing = light?.outgoing ?? colors.outgoing;
     if (!light) this.drawVertexColors(stage, colors, payload);
     else if (factors && light.factors === factors.hash) {
       stage.beforeNext(() => factors.multiply(stage.renderer, light, colors, payload));
       stage.setColors(factors.vertexTexture(light));
-    } else {
-      this.meshOf = ""; // another bake: its mesh and factors are fetched
-      void this.open();
-    }
+    } else this.openAnew();
     this.applyLook(state);
+  }
+
+  // The file of the model was replaced: the mesh and the factors of its new bake are fetched.
+  private openAnew(): void {
+    this.meshOf = "";
+    void this.open();
   }
 
   private drawVertexColors(stage: Stage, colors: ColorsAnswer, payload: Uint8Array): void {
