@@ -39,7 +39,7 @@ const fakeCanvas = (clientWidth = 64, clientHeight = 64) =>
   Object.assign(new EventTarget(), { clientWidth, clientHeight }) as HTMLCanvasElement;
 
 // A viewer of a daemon whose models all bake; what it watches and cancels.
-function rig(refusals: RelightError[] = []) {
+function rig(refusals: RelightError[] = [], state = ModelState.MODEL_BAKING) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
   const opened: ViewChange[] = [];
@@ -58,9 +58,7 @@ function rig(refusals: RelightError[] = []) {
     const no = type === Type.ViewSet ? refused.shift() : error;
     if (no) return Promise.reject(no);
     const message =
-      type === Type.Info
-        ? create(ModelInfoSchema, { model: init.model, state: ModelState.MODEL_BAKING })
-        : {};
+      type === Type.Info ? create(ModelInfoSchema, { model: init.model, state }) : {};
     const answer = { message, payload: new Uint8Array(0) };
     if (type !== Type.Info) return Promise.resolve(answer);
     return new Promise((done) => setTimeout(() => done(answer), 1));
@@ -154,6 +152,21 @@ test("a bake that cannot be followed is tried again after a pause, its end at on
   viewer.close();
   await wait(400);
   expect(watched.length).toBe(4);
+});
+
+test("a bake that somebody else begins is followed, and opened where it was missed", async () => {
+  const { show, watched, views, viewer } = rig([], ModelState.MODEL_PREVIEW);
+  const listed = (model: string, state: ModelState) =>
+    viewer.listed([create(ModelInfoSchema, { model, state })]);
+  await show("a");
+  await listed("b", ModelState.MODEL_BAKING);
+  await listed("a", ModelState.MODEL_PREVIEW);
+  expect([watched, views.length]).toEqual([[], 1]);
+  await listed("a", ModelState.MODEL_BAKING);
+  expect(watched).toEqual(["a"]);
+  await listed("a", ModelState.MODEL_READY);
+  await vi.waitFor(() => expect(views.length).toBe(2), SLOW);
+  viewer.close();
 });
 
 test("a closed viewer follows no bake", async () => {

@@ -319,17 +319,24 @@ export class Viewer {
       this.info = info;
       this.infoOf = state.model;
       this.events.info(info);
-      const baked =
-        (info.state === ModelState.MODEL_READY || info.state === ModelState.MODEL_UNLOADED) &&
-        !info.stale;
       this.frameBox(info);
-      if (this.stage && baked) await this.openMesh(info, current);
+      if (this.stage && isBaked(info)) await this.openMesh(info, current);
       else await this.openView(info, false, current);
       if (current()) this.bake.follow(info);
       if (current()) this.events.fine();
     } catch (error) {
       if (current()) this.failed(error);
     }
+  }
+
+  /** The models as the daemon lists them now: somebody else may have begun the bake of the one that is
+   * shown, or it may have ended unseen. */
+  async listed(models: readonly ModelInfo[]): Promise<void> {
+    await this.opened;
+    const now = models.find(({ model }) => model === this.info?.model);
+    if (!now || !this.info || this.over.signal.aborted) return;
+    this.bake.follow(now);
+    if (isBaked(now) && !isBaked(this.info)) void this.open();
   }
 
   // A model that a busy daemon refused, or a change of its view, is opened anew when the daemon says:
@@ -727,6 +734,9 @@ export class Viewer {
     this.stage?.dispose();
   }
 }
+
+const isBaked = ({ state, stale }: ModelInfo) =>
+  (state === ModelState.MODEL_READY || state === ModelState.MODEL_UNLOADED) && !stale;
 
 function costOf(cost: Cost | undefined): Partial<Status> {
   if (!cost) return {};

@@ -310,6 +310,7 @@ export async function refresh(): Promise<void> {
     files.value = message.files.map((file) => file.path);
     fine(LISTS);
     if (!scene.value.model) chooseFirst();
+    for (const one of [viewer, ...others]) void one?.listed(message.models);
   } catch (error) {
     if (client.hello && mine === reading) fault(error, LISTS);
   }
