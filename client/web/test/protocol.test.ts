@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { describe, expect, test } from "vitest";
 import { ErrorCode, HelloRequestSchema } from "../src/gen/relight_pb";
-import { DisconnectedError, explain, RelightError } from "../src/protocol/errors";
+import { DisconnectedError, explain, PageError, RelightError } from "../src/protocol/errors";
 import { decodeFrame, encodeFrame, floats, Type } from "../src/protocol/frame";
 
 const vector = (name: string) => {
@@ -58,5 +58,15 @@ describe("faults in words", () => {
     expect(explain(new DisconnectedError()).kind).toBe("offline");
     for (const code of [ErrorCode.ERROR_BUSY, ErrorCode.ERROR_LIMIT, ErrorCode.ERROR_NOT_FOUND])
       expect(error(code, "").remedy).not.toBe("");
+  });
+
+  test("a fault that a person can mend is none that reloading mends", () => {
+    const said = explain(new PageError("The light is not here", "Choose another one."));
+    expect(said).toMatchObject({
+      text: "The light is not here",
+      remedy: "Choose another one.",
+    });
+    expect(explain(new PageError("That is no model")).remedy).toBe("");
+    expect(explain(new TypeError("x is undefined")).remedy).toBe("Reload the page.");
   });
 });

@@ -71,3 +71,10 @@ test("a file that is dropped while another is sent waits for it", async () => {
   expect(sent()).toBe(2);
   expect(store.uploading.value).toBeNull();
 });
+
+test("a file that is neither says so, and not that the page is to be reloaded", async () => {
+  await store.takeFiles([new File(["words"], "words.txt")]);
+  expect(store.notice.value?.text).toMatch(/words\.txt is no model/);
+  expect(store.notice.value?.remedy).toBe("");
+});
+

@@ -23,6 +23,16 @@ export class DisconnectedError extends Error {
   }
 }
 
+/** What the page itself refuses or misses: its text says all, or the remedy does. */
+export class PageError extends Error {
+  readonly remedy: string;
+  constructor(text: string, remedy = "") {
+    super(text);
+    this.name = "PageError";
+    this.remedy = remedy;
+  }
+}
+
 export interface Notice {
   kind: "offline" | "busy" | "forbidden" | "memory" | "fault";
   title: string;
@@ -86,5 +96,7 @@ export function explain(error: unknown, again = false): Notice {
       remedy: "The page connects again by itself; nothing is lost.",
     };
   const text = error instanceof Error ? error.message : String(error);
+  if (error instanceof PageError)
+    return { kind: "fault", title: "That did not work", text, remedy: error.remedy };
   return { kind: "fault", title: "That did not work", text, remedy: "Reload the page." };
 }

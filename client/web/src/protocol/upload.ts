@@ -2,6 +2,7 @@
 // Uploads by content (PUT_BLOB), and LOAD of a model that was uploaded.
 import { PutBlobAnswerSchema, PutBlobRequestSchema } from "../gen/relight_pb";
 import type { Client } from "./client";
+import { PageError } from "./errors";
 import { Type } from "./frame";
 
 const CHUNK = 1 << 20;
@@ -50,5 +51,5 @@ export async function upload(
     at = Number(message.received);
     progress(at / bytes.length);
   }
-  throw new Error("the daemon did not confirm the upload; try it again");
+  throw new PageError("The daemon did not confirm the upload.", "Try it again.");
 }

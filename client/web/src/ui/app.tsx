@@ -5,6 +5,7 @@ import { useEffect } from "preact/hooks";
 import { Icon, IconButton, LinkField } from "./controls";
 import { copyLink, linkToCopy } from "./copy";
 import { state as room } from "../room/here";
+import { PageError } from "../protocol/errors";
 import { FileInput } from "./file-input";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
@@ -282,7 +283,7 @@ function useDrops(over: { value: boolean }): void {
         event.preventDefault();
         over.value = false;
         if (mayUpload.value) void takeFiles(event.dataTransfer?.files ?? []);
-        else fault(new Error("this token may not upload (scope upload)"));
+        else fault(new PageError("This token may not upload (scope upload)."));
       },
       { signal },
     );

@@ -5,6 +5,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import type { Participant, SurfacePoint } from "../gen/relight_pb";
+import { PageError } from "../protocol/errors";
 import type { Placed, Vec3 } from "../scene/camera";
 import { facesAway, type Anchor } from "../room/anchor";
 import { anchors, lines } from "../room/anchored";
@@ -30,7 +31,7 @@ function pointUnder(event: PointerEvent, box: DOMRect): Point | null {
 }
 
 const noSurface = () =>
-  fault(new Error("the model's surface is not here yet: try again in a moment"));
+  fault(new PageError("The model's surface is not here yet.", "Try it again in a moment."));
 
 function place(event: PointerEvent, box: DOMRect): void {
   const point = pointUnder(event, box);

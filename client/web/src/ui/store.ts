@@ -17,7 +17,7 @@ import {
 } from "../gen/relight_pb";
 import { busyMs, whenFree } from "../protocol/busy";
 import { Client, type ConnectionState } from "../protocol/client";
-import { DisconnectedError, explain, type Notice } from "../protocol/errors";
+import { DisconnectedError, explain, PageError, type Notice } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import { upload } from "../protocol/upload";
 import { roomId } from "../room/here";
@@ -395,7 +395,7 @@ async function takeAll(files: readonly File[]): Promise<void> {
   for (const file of files) {
     if (!MODEL_FILE.test(file.name) && !LIGHT_FILE.test(file.name)) {
       fault(
-        new Error(
+        new PageError(
           `${file.name} is no model (.glb .gltf .obj .ply .stl) and no light (.hdr .exr .png .jpg)`,
         ),
       );
