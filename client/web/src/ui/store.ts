@@ -266,6 +266,8 @@ export function fine(source: symbol): void {
 }
 
 function connectionChanged(state: ConnectionState): void {
+  // An attempt may wait for minutes: until it ends the page is offline as before.
+  if (state.is === "connecting" && connection.value.is === "offline") return;
   connection.value = state;
   if (state.is === "ready") {
     if (saidBy === CONNECTION || notice.value?.kind === "offline") notice.value = null;
