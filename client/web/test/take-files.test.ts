@@ -78,3 +78,23 @@ test("a file that is neither says so, and not that the page is to be reloaded", 
   expect(store.notice.value?.remedy).toBe("");
 });
 
+test("a light that is dropped takes the place of the one that is chosen", async () => {
+  daemon.answer = (type) =>
+    type === Type.PutBlob
+      ? { complete: true }
+      : { models: [{ name: "m", model: "m" }], environments: [], files: [] };
+  const lamp = {
+    env: "constant",
+    rotate: 30,
+    tilt: 0,
+    gain: [1, 1, 1] as [number, number, number],
+  };
+  store.set({ lamps: [lamp, { ...lamp, rotate: 60 }] });
+  store.chosenLamp.value = 1;
+  await store.takeFiles([light("sky.hdr")]);
+  expect(store.scene.value.lamps[0]).toEqual(lamp);
+  expect(store.scene.value.lamps[1]?.env).toMatch(/^env:/);
+  store.set({ lamps: [lamp] }); // the second one was removed
+  await store.takeFiles([light("room.hdr")]);
+  expect(store.scene.value.lamps.map(({ env }) => env.slice(0, 4))).toEqual(["env:"]);
+});

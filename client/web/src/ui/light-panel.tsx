@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Light: the gallery of environments, and turn, height, strength and colour of each lamp.
 import { useEffect, useRef } from "preact/hooks";
-import { useSignal } from "@preact/signals";
 import { BUILTIN_LIGHTS } from "../scene/builtin-lights";
 import { roomId } from "../room/here";
 import { thumbnail } from "../scene/thumbnails";
@@ -10,6 +9,8 @@ import { Icon, IconButton, Section, Slider } from "./controls";
 import { FileInput } from "./file-input";
 import {
   addLamp,
+  chosenIndex,
+  chosenLamp,
   client,
   commit,
   environments,
@@ -128,9 +129,8 @@ function Lamp({ index }: { index: number }) {
 }
 
 export function LightPanel() {
-  const chosen = useSignal(0);
   const { lamps } = scene.value;
-  const index = Math.min(chosen.value, lamps.length - 1);
+  const index = chosenIndex();
   const choose = (env: string) =>
     set({ lamps: lamps.map((lamp, i) => (i === index ? { ...lamp, env } : lamp)) });
   return (
@@ -144,7 +144,7 @@ export function LightPanel() {
                 type="button"
                 role="radio"
                 aria-checked={i === index}
-                onClick={() => (chosen.value = i)}
+                onClick={() => (chosenLamp.value = i)}
               >
                 Light {i + 1}
               </button>

@@ -384,6 +384,10 @@ function subscribe(): void {
 
 // ---- uploads
 
+/** Index of the lamp that a chosen or uploaded environment is for; the last one where there are fewer. */
+export const chosenLamp = signal(0);
+export const chosenIndex = () => Math.min(chosenLamp.value, scene.value.lamps.length - 1);
+
 const MODEL_FILE = /\.(glb|gltf|obj|ply|stl|prt)$/i;
 const LIGHT_FILE = /\.(hdr|exr|png|jpe?g)$/i;
 
@@ -447,8 +451,10 @@ async function sendFile(file: File, bytes: Uint8Array): Promise<void> {
     () => uploading.value?.cancelled ?? false,
   );
   if (LIGHT_FILE.test(file.name)) {
+    const index = chosenIndex();
+    const lamp = { ...FIRST_LAMP, env: `env:${hash}` };
     set({
-      lamps: [{ ...FIRST_LAMP, env: `env:${hash}` }, ...scene.value.lamps.slice(1)],
+      lamps: scene.value.lamps.map((one, i) => (i === index ? lamp : one)),
       background: "environment",
     });
     await refresh();
