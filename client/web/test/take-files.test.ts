@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Files that a person drops on the page: on a bad network they arrive all the same.
+import { create } from "@bufbuild/protobuf";
 import { beforeEach, expect, test, vi } from "vitest";
 import { fakeDaemon, turn } from "./fake-browser";
+import { ModelInfoSchema } from "../src/gen/relight_pb";
 import { DisconnectedError } from "../src/protocol/errors";
 import { Type } from "../src/protocol/frame";
 
@@ -97,4 +99,20 @@ test("a light that is dropped takes the place of the one that is chosen", async 
   store.set({ lamps: [lamp] }); // the second one was removed
   await store.takeFiles([light("room.hdr")]);
   expect(store.scene.value.lamps.map(({ env }) => env.slice(0, 4))).toEqual(["env:"]);
+});
+
+test("a file whose name ends as that of a model is listed all the same", () => {
+  store.models.value = [create(ModelInfoSchema, { model: "m", name: "marble.prt" })];
+  store.files.value = ["marble.prt", "old/marble.prt", "warm-marble.prt", "marble.obj"];
+  expect(store.unloadedFiles.value).toEqual(["old/marble.prt", "warm-marble.prt"]);
+});
+
+test("each of two models of one name can be chosen", () => {
+  store.models.value = ["a", "b", "c"].map((model) =>
+    create(ModelInfoSchema, { model, name: model === "c" ? "cow" : "bunny" }),
+  );
+  store.files.value = [];
+  expect(store.models.value.map(store.wordOf)).toEqual(["a", "b", "cow"]);
+  store.files.value = ["cow", "old/cow"]; // the daemon calls both so
+  expect(store.models.value.map(store.wordOf)).toEqual(["a", "b", "c"]);
 });

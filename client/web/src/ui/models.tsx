@@ -10,17 +10,18 @@ import { Icon, IconButton } from "./controls";
 import { FileInput } from "./file-input";
 import {
   client,
-  files,
   info,
   mayUpload,
   models,
   openFile,
   scene,
   set,
+  unloadedFiles,
   uploadFlipV,
   uploadMaterial,
   uploadSizeMm,
   uploadUpZ,
+  wordOf,
 } from "./store";
 
 const pictures = new Map<string, Promise<string>>();
@@ -55,11 +56,7 @@ function facts(model: ModelInfo): string {
 export function Models({ close }: { close: () => void }) {
   const all = models.value ?? [];
   const shown = info.value?.model;
-  const unloaded = files.value.filter(
-    (path) =>
-      path.endsWith(".prt") &&
-      !all.some((model) => model.name !== "" && path.endsWith(model.name)),
-  );
+  const unloaded = unloadedFiles.value;
   return (
     <aside class="drawer" aria-label="Models">
       <header>
@@ -75,7 +72,7 @@ export function Models({ close }: { close: () => void }) {
               aria-current={model.model === shown}
               onClick={() => {
                 set({
-                  model: model.name || model.model,
+                  model: wordOf(model),
                   material: "",
                   materials: {},
                   variant: "",

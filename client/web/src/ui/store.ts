@@ -320,10 +320,26 @@ export async function refresh(): Promise<void> {
 /** Files of the daemon's models folder. */
 export const files = signal<string[]>([]);
 
+const baseOf = (path: string) => path.slice(path.lastIndexOf("/") + 1);
+/** Those that no model is of. A model is called by its file's name without folders. */
+export const unloadedFiles = computed(() => {
+  const names = new Set((models.value ?? []).map(({ name }) => name));
+  const isLoaded = (path: string) =>
+    names.has(path) || (names.has(baseOf(path)) && !files.value.includes(baseOf(path)));
+  return files.value.filter((path) => path.endsWith(".prt") && !isLoaded(path));
+});
+/** The word by which a scene names a model: a name that another one has too, or two files, is none. */
+export function wordOf({ name, model }: ModelInfo): string {
+  const isShared =
+    (models.value ?? []).some((one) => one.name === name && one.model !== model) ||
+    files.value.filter((path) => baseOf(path) === name).length > 1;
+  return isShared ? model : name || model;
+}
+
 function chooseFirst(): void {
   const first = models.value?.[0];
   if (first) {
-    change({ model: first.name || first.model });
+    change({ model: wordOf(first) });
     committed = scene.value;
     keepAddress(); // a copy of it shows the same model
     return;
