@@ -12,6 +12,7 @@ const store = await import("../src/ui/store");
 const here = await import("../src/room/here");
 const session = await import("../src/room/session");
 const { showAlone } = await import("../src/room/share");
+const { swap } = await import("../src/ui/compare");
 const daemon = fakeDaemon(store.client);
 
 const rotateTo = (rotate: number) =>
@@ -162,4 +163,16 @@ test("so is a file that the page loads first: Back does not go to a page without
   expect(browser.entry.url).toContain(`#model=${"c".repeat(32)}`);
   expect(browser.entries.length).toBe(entries);
   expect(store.canUndo.value).toBe(false);
+});
+
+test("a quantity in place of light goes with its state when A and B are swapped", () => {
+  const other = { ...store.scene.value, exposure: 2, compare: null };
+  store.set({ heat: "thickness", compare: { mode: "wipe", at: 0.5, other } });
+  swap();
+  expect(store.scene.value.heat).toBeUndefined();
+  expect(store.scene.value.exposure).toBe(2);
+  expect(store.scene.value.compare?.other.heat).toBe("thickness");
+  swap();
+  expect(store.scene.value.heat).toBe("thickness");
+  expect(store.scene.value.compare?.other.heat).toBeUndefined();
 });

@@ -32,14 +32,16 @@ function keep(): void {
     },
   });
 }
-function swap(): void {
+/** A becomes B, and B becomes A; the camera stays. */
+export function swap(): void {
   const { compare, ...now } = scene.value;
   if (!compare) return;
-  set({
+  scene.value = {
     ...compare.other,
     orbit: now.orbit,
     compare: { ...compare, other: { ...now, compare: null } },
-  });
+  };
+  commit();
 }
 function setMode(mode: CompareMode): void {
   const { compare } = scene.value;
