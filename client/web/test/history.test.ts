@@ -3,7 +3,8 @@
 import { create } from "@bufbuild/protobuf";
 import { beforeEach, expect, test } from "vitest";
 import { browser, fakeDaemon, tellState, turn } from "./fake-browser";
-import { SceneSchema } from "../src/gen/relight_pb";
+import { ErrorCode, RoomRole, SceneSchema } from "../src/gen/relight_pb";
+import { RelightError } from "../src/protocol/errors";
 import { sceneOf } from "../src/room/convert";
 import { Type } from "../src/protocol/frame";
 import { FIRST } from "../src/state/scene-state";
@@ -175,4 +176,29 @@ test("a quantity in place of light goes with its state when A and B are swapped"
   swap();
   expect(store.scene.value.heat).toBe("thickness");
   expect(store.scene.value.compare?.other.heat).toBeUndefined();
+});
+
+test("in a room who may not change it has nothing to undo", () => {
+  sitIn("r9", 40);
+  expect(store.canUndo.value).toBe(true);
+  here.role.value = RoomRole.ROLE_VIEWER;
+  expect([store.canUndo.value, store.canRedo.value]).toEqual([false, false]);
+  store.undo();
+  expect(edits()).toEqual([]);
+});
+
+test("an undo without a change before it says so in the words of the page", async () => {
+  sitIn("r10", 40);
+  daemon.answer = () => {
+    throw new RelightError({
+      code: ErrorCode.ERROR_NOT_FOUND,
+      text: "there is no change of yours to undo",
+      hint: "`relight models` lists the models",
+      retryAfterMs: 0,
+    });
+  };
+  store.undo();
+  await turn();
+  expect(store.notice.value?.text).toBe("There is no change of yours to undo here.");
+  expect(store.notice.value?.remedy).toBe("");
 });

@@ -22,7 +22,7 @@ import {
   type RoomEvent,
 } from "../gen/relight_pb";
 import { busyMs, whenFree } from "../protocol/busy";
-import { DisconnectedError, RelightError } from "../protocol/errors";
+import { DisconnectedError, PageError, RelightError } from "../protocol/errors";
 import { Type } from "../protocol/frame";
 import {
   MADE,
@@ -40,7 +40,7 @@ import {
 } from "../ui/store";
 import { filter, forgetReview, openPin } from "../ui/review-state";
 import { orbitOf, PARTS, sameJson } from "./convert";
-import { act, answered, AUTHOR, pump } from "./edits";
+import { answered, AUTHOR, edit, pump } from "./edits";
 import {
   alone,
   beginReading,
@@ -49,6 +49,7 @@ import {
   follows,
   leads,
   leaveRead,
+  mayReview,
   me,
   myName,
   people,
@@ -235,15 +236,20 @@ function openLinked(): void {
   filter.value = "all";
   openPin.value = pin.stamp?.sequence ?? null;
 }
-function step(action: { undo: object } | { redo: object }): void {
+function step(word: "undo" | "redo"): void {
+  if (!mayReview.value) return;
   putDown(); // what the hand holds is the step to undo
-  void act(action);
+  edit(word === "undo" ? { undo: {} } : { redo: {} }).catch((error: unknown) => {
+    const none = error instanceof RelightError && error.code === ErrorCode.ERROR_NOT_FOUND;
+    fault(none ? new PageError(`There is no change of yours to ${word} here.`) : error);
+  });
 }
 
 // Alone, undo and redo are this person's own.
-const steps = { undo: () => step({ undo: {} }), redo: () => step({ redo: {} }) };
+const steps = { undo: () => step("undo"), redo: () => step("redo") };
 effect(() => {
-  roomHistory.value = state.value && !alone.value ? steps : null;
+  const open = mayReview.value;
+  roomHistory.value = state.value && !alone.value ? { ...steps, open } : null;
 });
 
 let fetching: ReturnType<typeof setTimeout> | undefined;

@@ -145,10 +145,14 @@ export function useViewer(made: Viewer): void {
 
 const undone = signal<SceneState[]>([]);
 const done = signal<SceneState[]>([]);
-/** In a room undo and redo are the room's. */
-export const roomHistory = signal<{ undo: () => void; redo: () => void } | null>(null);
-export const canUndo = computed(() => roomHistory.value !== null || done.value.length > 0);
-export const canRedo = computed(() => roomHistory.value !== null || undone.value.length > 0);
+/** In a room undo and redo are the room's; open: this person may change it. */
+export const roomHistory = signal<{
+  undo: () => void;
+  redo: () => void;
+  open: boolean;
+} | null>(null);
+export const canUndo = computed(() => roomHistory.value?.open ?? done.value.length > 0);
+export const canRedo = computed(() => roomHistory.value?.open ?? undone.value.length > 0);
 let committed = scene.value;
 /** Of the entries of the browser's history that the page made. Another one is a link that a person
  * opened. */
