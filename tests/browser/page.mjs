@@ -974,6 +974,21 @@ const scenarios = {
         [10, 70, 5],
         [10, 70, 5],
       ]);
+      // Without interaction the wheel and fingers are the page's.
+      const hands = await page.evaluate(() => {
+        const one = document.querySelector("relight-viewer");
+        const stage = one.shadowRoot.querySelector(".stage");
+        return ["none", "orbit"].map((word) => {
+          one.setAttribute("interaction", word);
+          const wheel = new WheelEvent("wheel", { deltaY: 1, cancelable: true });
+          stage.dispatchEvent(wheel);
+          return [wheel.defaultPrevented, getComputedStyle(stage).touchAction];
+        });
+      });
+      assert.deepEqual(hands, [
+        [false, "auto"],
+        [true, "none"],
+      ]);
       // The picture before the model is of the variant.
       const before = await page.evaluate(async () => {
         const one = document.querySelector("relight-viewer");

@@ -19,8 +19,8 @@ import {
 const STYLE = `
 :host { display: block; position: relative; width: 400px; height: 300px; overflow: hidden; contain: content; }
 :host([hidden]) { display: none; }
-.stage { position: absolute; inset: 0; touch-action: none; outline-offset: -3px; }
-:host(:not([interaction="none"])) .stage { cursor: grab; }
+.stage { position: absolute; inset: 0; outline-offset: -3px; }
+:host(:not([interaction="none"])) .stage { cursor: grab; touch-action: none; }
 canvas, img { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
 img { object-fit: cover; }
 [hidden] { display: none !important; }
@@ -117,19 +117,25 @@ export class RelightViewerElement extends HTMLElement {
     this.client = client;
     client.lookAt(this.state.model);
     void this.makeViewer(client);
+    this.takeHands();
+    if (this.hasAttribute("auto-rotate")) this.turn();
+  }
+
+  // An element without interaction leaves wheel and fingers to the page round it.
+  private takeHands(): void {
+    this.detach?.();
+    this.detach = null;
+    if (this.interaction === "none") return;
     this.detach = attachGestures(this.stage, {
       orbit: () => this.state.orbit,
       setOrbit: (orbit) => {
         if (this.interaction === "orbit") this.cameraOrbit = orbit;
-        else if (this.interaction === "light") this.dragLight(orbit);
+        else this.dragLight(orbit);
       },
-      turnLight: (rotate, tilt) => {
-        if (this.interaction !== "none") this.turnLight(rotate, tilt);
-      },
+      turnLight: (rotate, tilt) => this.turnLight(rotate, tilt),
       reset: () => this.resetCamera(),
       commit: () => undefined,
     });
-    if (this.hasAttribute("auto-rotate")) this.turn();
   }
 
   disconnectedCallback(): void {
@@ -149,7 +155,8 @@ export class RelightViewerElement extends HTMLElement {
     else if (name === "server") {
       this.disconnectedCallback();
       this.connectedCallback();
-    } else if (name === "auto-rotate") {
+    } else if (name === "interaction") this.takeHands();
+    else if (name === "auto-rotate") {
       cancelAnimationFrame(this.turning);
       if (this.hasAttribute("auto-rotate")) this.turn();
     } else {
