@@ -989,6 +989,15 @@ const scenarios = {
         [false, "auto"],
         [true, "none"],
       ]);
+      // The message of a lost connection ends with it, without a model too.
+      await page.evaluate(() => {
+        const one = document.querySelector("relight-viewer");
+        one.removeAttribute("model");
+        one.client.socket.close();
+      });
+      const offline = page.getByText("Offline; it connects again by itself.");
+      await offline.waitFor(PATIENCE);
+      await offline.waitFor({ ...PATIENCE, state: "hidden" });
       // The picture before the model is of the variant.
       const before = await page.evaluate(async () => {
         const one = document.querySelector("relight-viewer");

@@ -337,8 +337,10 @@ export class RelightViewerElement extends HTMLElement {
   private info: ModelInfo | null = null;
 
   private connectionChanged(state: ConnectionState): void {
-    if (state.is === "ready") void this.viewer?.open();
-    else if (state.is === "refused") this.fault(state.error);
+    if (state.is === "ready") {
+      this.message.hidden = true;
+      void this.viewer?.open();
+    } else if (state.is === "refused") this.fault(state.error);
     else if (state.is === "offline") this.say("Offline; it connects again by itself.");
   }
 
