@@ -515,6 +515,28 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "no words are cut, also on a phone"(home) {
+    for (const viewport of [
+      { width: 1280, height: 800 },
+      { width: 360, height: 640 },
+    ]) {
+      const page = await open(`${home}/#model=marble.prt`, { viewport });
+      await mode(page, "mesh");
+      const cut = (words) =>
+        page
+          .locator(words)
+          .evaluateAll((all) =>
+            all.filter((one) => one.scrollWidth > one.clientWidth).map((one) => one.innerText),
+          );
+      assert.deepEqual(await cut(".card > span, .rooms-button span"), []);
+      await shot(page, `light-${viewport.width}`);
+      await page.getByRole("tab", { name: "View" }).click();
+      await shot(page, `view-${viewport.width}`);
+      assert.deepEqual(await cut(".tab-panel"), []);
+      await page.context().close();
+    }
+  },
+
   async "thickness is drawn in place of light, as rays find it"(home) {
     const page = await open(`${home}/#model=marble.prt&orbit=30,20,1`);
     await mode(page, "mesh");
