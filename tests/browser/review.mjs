@@ -56,6 +56,38 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.context().close();
     },
 
+    async "a pin is written and read from any tab"(home) {
+      const ann = await begin(home, "Ann", "Tabs");
+      const light = () => ann.getByRole("tab", { name: "Light" }).click();
+      await light();
+      await pin(ann, `a dent ${"that is described at length ".repeat(8)}`, [340, 330]);
+      await ann.locator(".thread img.seen").waitFor(PATIENCE);
+      // Nothing is cut at the side of the panel.
+      assert.deepEqual(
+        await ann.locator(".tab-panel").evaluate((node) => {
+          const right = node.getBoundingClientRect().right;
+          const all = [...node.querySelectorAll(".section > *, .thread > *")];
+          return all
+            .filter((one) => one.getBoundingClientRect().right > right)
+            .map((one) => one.outerHTML.slice(0, 80));
+        }),
+        [],
+      );
+      await light();
+      await ann.locator(".pin-mark").click();
+      await ann.locator(".thread").waitFor(PATIENCE);
+      await light();
+      await ann.locator(".stage").focus();
+      await ann.keyboard.press("j");
+      await ann.locator(".thread").waitFor(PATIENCE);
+      // The keys of a room are no text of a slider.
+      await light();
+      await ann.getByRole("slider", { name: "Turn" }).focus();
+      await ann.keyboard.press("p");
+      await ann.getByText("Click on the model where the pin goes.").waitFor(PATIENCE);
+      await ann.context().close();
+    },
+
     async "a second finger is no part of a stroke"(home) {
       const ann = await begin(home, "Ann", "Fingers");
       await pin(ann, "a dent", [340, 330]); // the surface is here

@@ -12,6 +12,7 @@ import { MaterialPanel } from "./material-panel";
 import { Models, UploadSettings } from "./models";
 import { Pins } from "./pins";
 import { PrintView, ReviewPanel } from "./review-panel";
+import { tab } from "./review-state";
 import { RevisionCompare } from "./revisions";
 import { RoomBar, Rooms, RoomsButton } from "./rooms";
 import { StageView } from "./stage-view";
@@ -322,7 +323,6 @@ function useTurntable(on: boolean): void {
 }
 
 export function App() {
-  const tab = useSignal<(typeof TABS)[number]["id"] | "review">("light");
   const roomList = useSignal(false);
   const drawer = useSignal(false);
   const over = useSignal(false);

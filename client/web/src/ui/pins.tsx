@@ -12,7 +12,15 @@ import { anchors, lines } from "../room/anchored";
 import { colorOf, css, me, others, state } from "../room/here";
 import { pick, project, type Point } from "../room/pick";
 import { tell } from "../room/presence";
-import { drawn, newPin, openPin, pinLabel, shownPins, tool } from "./review-state";
+import {
+  askAbout,
+  drawn,
+  openPin,
+  openThread,
+  pinLabel,
+  shownPins,
+  tool,
+} from "./review-state";
 import { WIDTH_PX, ownStrokes, sendStroke } from "./strokes";
 import { fault, info, scene, status, viewer } from "./store";
 
@@ -36,7 +44,7 @@ const noSurface = () =>
 function place(event: PointerEvent, box: DOMRect): void {
   const point = pointUnder(event, box);
   if (point) {
-    newPin.value = point;
+    askAbout(point);
     tool.value = "none";
   } else if (!viewer?.shape) noSurface();
 }
@@ -206,7 +214,7 @@ function Marks({ placed, size }: { placed: Placed; size: Size }): ComponentChild
         aria-pressed={openPin.value === number}
         aria-label={`Pin ${pinLabel(number)}: ${pin.notes[0]?.text ?? ""}`}
         style={{ left: `${at.x}px`, top: `${at.y}px` }}
-        onClick={() => (openPin.value = number)}
+        onClick={() => openThread(number)}
       >
         {pinLabel(number)}
       </button>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What is said in a room: pins with their threads, decisions, revisions, and all of it on paper.
 import { useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import {
   RoomRole,
   type Decision,
@@ -239,9 +239,14 @@ function PinRow({ pin }: { pin: Pin }) {
   const number = numberOf(pin);
   const open = openPin.value === number;
   const lost = anchors.value.get(number)?.state === "lost";
+  const row = useRef<HTMLButtonElement>(null);
+  useEffect(() => {
+    if (open) row.current?.scrollIntoView({ block: "nearest" });
+  }, [open]);
   return (
     <li class={`pin-row ${pin.resolved ? "resolved" : ""}`}>
       <button
+        ref={row}
         type="button"
         class="pin-title"
         aria-expanded={open}
@@ -272,6 +277,7 @@ function NewPin() {
     }));
     if (!answer || roomId.value !== room) return;
     if (newPin.value === at) newPin.value = null;
+    if (filter.value === "resolved") filter.value = "open"; // the new one is
     openPin.value = answer.sequence;
   };
   return (

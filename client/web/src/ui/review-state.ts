@@ -14,6 +14,18 @@ export const newPin = signal<Point | null>(null);
 /** Sequence of the pin whose thread is open. */
 export const openPin = signal<bigint | null>(null);
 export const printing = signal(false);
+/** The tab of the settings that is shown. */
+export const tab = signal<"light" | "material" | "view" | "review">("light");
+/** Shows the thread of a pin, whichever tab was shown before. */
+export function openThread(number: bigint): void {
+  openPin.value = number;
+  tab.value = "review";
+}
+/** Asks what is said about this point. */
+export function askAbout(point: Point): void {
+  newPin.value = point;
+  tab.value = "review";
+}
 /** Two scenes of the room that are compared. */
 export const comparing = signal<{ a: Kept; b: Kept } | null>(null);
 
@@ -68,7 +80,7 @@ export function jumpToPin(by: number): void {
   const open = all.findIndex((pin) => numberOf(pin) === openPin.value);
   const at = open < 0 && by < 0 ? 0 : open;
   const next = all[(at + by + all.length) % all.length] ?? all[0];
-  openPin.value = next ? numberOf(next) : null;
+  if (next) openThread(numberOf(next));
 }
 
 /** Number of the revision that the scene is now; 0: it is none. */

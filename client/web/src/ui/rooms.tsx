@@ -176,17 +176,19 @@ const KEYS: readonly [string, string][] = [
   ["?", "these keys"],
 ];
 
+// Sliders and check boxes take no letters.
+function isTyping(at: EventTarget | null): boolean {
+  if (at instanceof HTMLInputElement) return at.type !== "range" && at.type !== "checkbox";
+  return at instanceof HTMLTextAreaElement || at instanceof HTMLSelectElement;
+}
+
 function useRoomKeys(help: { value: boolean }): void {
   useEffect(() => {
     const stop = new AbortController();
     addEventListener(
       "keydown",
       (event) => {
-        const at = event.target;
-        const typing =
-          at instanceof HTMLInputElement ||
-          at instanceof HTMLTextAreaElement ||
-          at instanceof HTMLSelectElement;
+        const typing = isTyping(event.target);
         if (!state.value || typing || event.ctrlKey || event.metaKey || event.altKey) return;
         const key = event.key.toLowerCase();
         if (key === "p" && mayReview.value) take("pin");
