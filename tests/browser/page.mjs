@@ -515,6 +515,37 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "one list is open at a time, and Escape closes it"(home) {
+    for (const viewport of [
+      { width: 1280, height: 800 },
+      { width: 360, height: 640 },
+    ]) {
+      const page = await open(`${home}/#model=marble.prt`, { viewport });
+      await mode(page, "mesh");
+      const lists = () =>
+        page.locator(".drawer").evaluateAll((all) => all.map((one) => one.ariaLabel));
+      await page.getByRole("button", { name: "marble.prt" }).click();
+      assert.deepEqual(await lists(), ["Models"]);
+      await page.getByRole("button", { name: "Rooms", exact: true }).click();
+      assert.deepEqual(await lists(), ["Rooms"]);
+      await page.getByLabel("A new room about this picture").fill("Bunny");
+      const create = page.getByRole("button", { name: "Create the room" });
+      await shot(page, `rooms-${viewport.width}`);
+      // Whole, and over everything else.
+      assert.ok(
+        await create.evaluate((node) => {
+          const { left, right, top, bottom } = node.getBoundingClientRect();
+          return [top + 2, bottom - 2].every(
+            (y) => document.elementFromPoint((left + right) / 2, y) === node,
+          );
+        }),
+      );
+      await page.keyboard.press("Escape");
+      assert.deepEqual(await lists(), []);
+      await page.context().close();
+    }
+  },
+
   async "no words are cut, also on a phone"(home) {
     for (const viewport of [
       { width: 1280, height: 800 },
@@ -1097,6 +1128,9 @@ const scenarios = {
     await page.getByRole("button", { name: "Connect" }).click();
     await mode(page, "mesh");
     assert.equal(await page.getByText("HDR, EXR…").count(), 0);
+    await page.getByRole("button", { name: /^Rooms/ }).click();
+    await page.getByText("This token may not make a room").waitFor(PATIENCE);
+    assert.equal(await page.getByRole("button", { name: "Create the room" }).count(), 0);
     assert.ok(!page.url().includes("relight_"));
     const byLink = await open(`${home}/#model=marble.prt&token=${guest}`);
     await mode(byLink, "mesh");

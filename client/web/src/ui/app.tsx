@@ -27,6 +27,7 @@ import {
   lastUpload,
   linkNow,
   loadUpload,
+  mayEdit,
   mayUpload,
   models,
   notice,
@@ -191,13 +192,15 @@ function Work() {
             </button>
           </details>
         )}
-        <button
-          type="button"
-          class="quiet"
-          onClick={() => void viewer?.cancelBake().catch(fault)}
-        >
-          Stop the bake
-        </button>
+        {mayEdit.value && (
+          <button
+            type="button"
+            class="quiet"
+            onClick={() => void viewer?.cancelBake().catch(fault)}
+          >
+            Stop the bake
+          </button>
+        )}
       </div>
     );
   }
@@ -323,8 +326,7 @@ function useTurntable(on: boolean): void {
 }
 
 export function App() {
-  const roomList = useSignal(false);
-  const drawer = useSignal(false);
+  const drawer = useSignal<"models" | "rooms" | null>(null); // the list that is open
   const over = useSignal(false);
   const turning = useSignal(false);
   const copied = useSignal(false);
@@ -337,6 +339,9 @@ export function App() {
   const tabs = inRoom ? [REVIEW, ...TABS] : TABS;
   const Panel = tabs.find((one) => one.id === tab.value)?.panel ?? LightPanel;
   const name = info.value?.name || info.value?.model.slice(0, 12) || "Choose a model";
+  const close = () => (drawer.value = null);
+  const toggle = (list: "models" | "rooms") =>
+    (drawer.value = drawer.value === list ? null : list);
   const share = () => {
     void copyLink(linkNow()).then((done) => {
       copied.value = done;
@@ -353,12 +358,12 @@ export function App() {
         <button
           type="button"
           class="model-button"
-          aria-expanded={drawer.value}
-          onClick={() => (drawer.value = !drawer.value)}
+          aria-expanded={drawer.value === "models"}
+          onClick={() => toggle("models")}
         >
           <Icon name="models" /> <span>{name}</span>
         </button>
-        <RoomsButton open={roomList} />
+        <RoomsButton open={drawer.value === "rooms"} onClick={() => toggle("rooms")} />
         <span class="gap" />
         <IconButton
           icon="undo"
@@ -404,8 +409,8 @@ export function App() {
       </main>
       <PrintView />
       {inRoom && <RevisionCompare />}
-      {roomList.value && <Rooms close={() => (roomList.value = false)} />}
-      {drawer.value && <Models close={() => (drawer.value = false)} />}
+      {drawer.value === "rooms" && <Rooms close={close} />}
+      {drawer.value === "models" && <Models close={close} />}
       <aside class="panel" aria-label="Settings">
         <div class="tabs" role="tablist" aria-label="Settings">
           {tabs.map((one) => (

@@ -19,6 +19,32 @@ export function Section(props: {
   );
 }
 
+/** A list beside the picture, over it; Escape closes it. */
+export function Drawer(props: {
+  title: string;
+  /** The label of the button that closes it. */
+  closeLabel: string;
+  close: () => void;
+  children: ComponentChildren;
+}) {
+  const { title, closeLabel, close } = props;
+  useEffect(() => {
+    const stop = new AbortController();
+    const { signal } = stop;
+    addEventListener("keydown", (event) => event.key === "Escape" && close(), { signal });
+    return () => stop.abort();
+  }, []);
+  return (
+    <aside class="drawer" aria-label={title}>
+      <header>
+        <h2>{title}</h2>
+        <IconButton icon="close" label={closeLabel} onClick={close} />
+      </header>
+      {props.children}
+    </aside>
+  );
+}
+
 /** A link to copy by hand: all of it is selected. */
 export function LinkField(props: { label: string; url: string }) {
   const field = useRef<HTMLInputElement>(null);

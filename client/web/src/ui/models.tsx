@@ -6,7 +6,7 @@ import { ModelState, type ModelInfo } from "../gen/relight_pb";
 import { modelPicture } from "../scene/thumbnails";
 import { PRESET_NAMES } from "../state/material";
 import { START } from "../scene/camera";
-import { Icon, IconButton } from "./controls";
+import { Drawer, Icon } from "./controls";
 import { FileInput } from "./file-input";
 import {
   client,
@@ -58,11 +58,7 @@ export function Models({ close }: { close: () => void }) {
   const shown = info.value?.model;
   const unloaded = unloadedFiles.value;
   return (
-    <aside class="drawer" aria-label="Models">
-      <header>
-        <h2>Models</h2>
-        <IconButton icon="close" label="Close the list of models" onClick={close} />
-      </header>
+    <Drawer title="Models" closeLabel="Close the list of models" close={close}>
       <ul class="models">
         {all.map((model) => (
           <li key={model.model}>
@@ -122,7 +118,7 @@ export function Models({ close }: { close: () => void }) {
         !all.some((model) => model.name === scene.value.model || model.model === shown) && (
           <p class="hint">The model of this link is not loaded here.</p>
         )}
-    </aside>
+    </Drawer>
   );
 }
 

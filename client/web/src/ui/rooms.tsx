@@ -25,8 +25,9 @@ import {
   watched,
 } from "../room/here";
 import { createRoom, enter, follow, lead, leave, listRooms, lookAlone } from "../room/session";
-import { Icon, IconButton } from "./controls";
+import { Drawer, Icon, IconButton } from "./controls";
 import { Invite } from "./invite";
+import { mayEdit } from "./store";
 import { jumpToPin, openPin, printing, tool } from "./review-state";
 
 const ROLES: Record<number, string> = {
@@ -35,16 +36,47 @@ const ROLES: Record<number, string> = {
   [RoomRole.ROLE_OWNER]: "owner",
 };
 
-export function Rooms({ close }: { close: () => void }) {
+function NewRoom({ made }: { made: () => void }) {
   const name = useSignal("");
+  return (
+    <form
+      class="bring"
+      onSubmit={(event) => {
+        event.preventDefault();
+        if (!name.value.trim()) return;
+        void createRoom(name.value.trim()).then((done) => done && made());
+      }}
+    >
+      <label>
+        Your name
+        <input value={myName.value} onChange={(event) => setName(event.currentTarget.value)} />
+      </label>
+      {mayEdit.value ? (
+        <>
+          <label>
+            A new room about this picture
+            <input
+              value={name.value}
+              placeholder="Bunny in jade"
+              onInput={(event) => (name.value = event.currentTarget.value)}
+            />
+          </label>
+          <button type="submit" class="primary" disabled={!name.value.trim()}>
+            Create the room
+          </button>
+        </>
+      ) : (
+        <p class="hint">This token may not make a room (scope edit).</p>
+      )}
+    </form>
+  );
+}
+
+export function Rooms({ close }: { close: () => void }) {
   useEffect(() => void listRooms(), []);
   const all = rooms.value ?? [];
   return (
-    <aside class="drawer" aria-label="Rooms">
-      <header>
-        <h2>Rooms</h2>
-        <IconButton icon="close" label="Close the list of rooms" onClick={close} />
-      </header>
+    <Drawer title="Rooms" closeLabel="Close the list of rooms" close={close}>
       <ul class="models">
         {all.map((room) => (
           <li key={room.room}>
@@ -73,34 +105,8 @@ export function Rooms({ close }: { close: () => void }) {
         ))}
         {!all.length && <li class="hint">There is no room yet.</li>}
       </ul>
-      <form
-        class="bring"
-        onSubmit={(event) => {
-          event.preventDefault();
-          if (!name.value.trim()) return;
-          void createRoom(name.value.trim()).then((made) => made && close());
-        }}
-      >
-        <label>
-          Your name
-          <input
-            value={myName.value}
-            onChange={(event) => setName(event.currentTarget.value)}
-          />
-        </label>
-        <label>
-          A new room about this picture
-          <input
-            value={name.value}
-            placeholder="Bunny in jade"
-            onInput={(event) => (name.value = event.currentTarget.value)}
-          />
-        </label>
-        <button type="submit" class="primary" disabled={!name.value.trim()}>
-          Create the room
-        </button>
-      </form>
-    </aside>
+      <NewRoom made={close} />
+    </Drawer>
   );
 }
 
@@ -313,14 +319,14 @@ export function RoomBar() {
   );
 }
 
-export function RoomsButton({ open }: { open: { value: boolean } }) {
+export function RoomsButton(props: { open: boolean; onClick: () => void }) {
   const some = (rooms.value ?? []).some(unread);
   return (
     <button
       type="button"
-      class="model-button"
-      aria-expanded={open.value}
-      onClick={() => (open.value = !open.value)}
+      class="model-button rooms-button"
+      aria-expanded={props.open}
+      onClick={props.onClick}
     >
       <Icon name="compare" /> <span>Rooms</span>
       {some && <i class="unread" aria-label="unread" />}

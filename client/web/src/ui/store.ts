@@ -77,9 +77,11 @@ export const uploadFlipV = signal(false);
 /** What was baked last by this page, so that its size or medium can be chosen anew. */
 export const lastUpload = signal<{ model: string; name: string; hash: string } | null>(null);
 
-export const mayUpload = computed(
-  () => connection.value.is === "ready" && connection.value.hello.scopes.includes("upload"),
-);
+const hasScope = (scope: string) =>
+  connection.value.is === "ready" && connection.value.hello.scopes.includes(scope);
+export const mayUpload = computed(() => hasScope("upload"));
+/** Whether this token may stop bakes and make rooms. */
+export const mayEdit = computed(() => hasScope("edit"));
 /** Whether the medium of the shown model can be changed. */
 export const materialIsOpen = computed(() => {
   const shown = info.value;
