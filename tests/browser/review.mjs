@@ -88,6 +88,23 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.context().close();
     },
 
+    async "an invitation and a decision that are pressed twice are one"(home) {
+      const twice = (button) => button.evaluate((node) => [node.click(), node.click()]);
+      const ann = await begin(home, "Ann", "Twice");
+      await ann.getByRole("button", { name: "Invite" }).click();
+      await twice(ann.getByRole("button", { name: /Make a link/ }));
+      await ann.getByLabel("Invitation").waitFor(PATIENCE);
+      await ann.getByRole("button", { name: "Close", exact: true }).click();
+      await ann.getByRole("button", { name: "Approve", exact: true }).click();
+      await twice(ann.getByRole("button", { name: "Approve this picture" }));
+      await ann.getByText("approved as it is now").first().waitFor(PATIENCE);
+      await rests(ann);
+      const log = roomLog(roomOf(ann));
+      assert.equal(log.filter(({ action }) => action.decide).length, 1);
+      assert.equal(log.filter(({ action }) => action.invite).length, 1);
+      await ann.context().close();
+    },
+
     async "a second finger is no part of a stroke"(home) {
       const ann = await begin(home, "Ann", "Fingers");
       await pin(ann, "a dent", [340, 330]); // the surface is here

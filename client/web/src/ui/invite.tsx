@@ -61,16 +61,22 @@ export function Invite({ close }: { close: () => void }) {
   const days = useSignal(14);
   const link = useSignal("");
   const isCopied = useSignal(false);
+  const making = useSignal(false); // no second link is made meanwhile
+  const make = async () => {
+    if (making.value) return;
+    making.value = true;
+    const url = await invite(name.value || "guest", may.value, days.value);
+    isCopied.value = url !== "" && (await copied(url));
+    link.value = url;
+    making.value = false;
+  };
   return (
     <form
       class="popover"
       aria-label="Invite"
       onSubmit={(event) => {
         event.preventDefault();
-        void invite(name.value || "guest", may.value, days.value).then(async (url) => {
-          isCopied.value = url !== "" && (await copied(url));
-          link.value = url;
-        });
+        void make();
       }}
     >
       <label>
@@ -103,7 +109,7 @@ export function Invite({ close }: { close: () => void }) {
           ))}
         </select>
       </label>
-      <button type="submit" class="primary">
+      <button type="submit" class="primary" disabled={making.value}>
         Make a link
       </button>
       {link.value && (

@@ -353,14 +353,17 @@ const isStale = (asked: Asked) =>
 function Decide() {
   const note = useSignal("");
   const about = useSignal<Asked | null>(null); // null: nothing is asked
+  const sending = useSignal(false); // it is not made a second time
   const ask = (approve: boolean) => {
     putDown();
     const scene = state.value?.scene;
     if (scene) about.value = { approve, scene, made: madeKey.value };
   };
   const decide = async ({ approve, scene }: Asked) => {
+    const room = roomId.value;
     const { png, drawn } = await drawingOf({}, PICTURE); // as Picture has it
     const pictureHash = await hashOf(png);
+    if (roomId.value !== room) return;
     about.value = null;
     try {
       await edit({ decide: { approve, note: note.value.trim(), scene, pictureHash, drawn } });
@@ -370,6 +373,12 @@ function Decide() {
       throw error;
     }
     note.value = "";
+  };
+  const decideOnce = async (asked: Asked) => {
+    if (sending.value) return;
+    sending.value = true;
+    await decide(asked).catch(fault);
+    sending.value = false;
   };
   if (alone.value)
     return <p class="hint">You look around alone. Go back to all to decide about it.</p>;
@@ -412,7 +421,8 @@ function Decide() {
               <button
                 type="button"
                 class="primary"
-                onClick={() => void decide(asked).catch(fault)}
+                disabled={sending.value}
+                onClick={() => void decideOnce(asked)}
               >
                 {word} this picture
               </button>
