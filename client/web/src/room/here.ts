@@ -9,6 +9,7 @@ import {
   type RoomSummary,
   type Stamp,
 } from "../gen/relight_pb";
+import { keep, kept } from "../state/kept";
 
 const NAME_KEY = "relight-name";
 const SEEN_KEY = "relight-room-seen";
@@ -32,7 +33,7 @@ export const waiting = signal(0);
 /** Request id of the SUBSCRIBE; 0: the page sits in no room. */
 export const seat = { id: 0n };
 
-export const myName = signal(localStorage.getItem(NAME_KEY) ?? "");
+export const myName = signal(kept("localStorage", NAME_KEY) ?? "");
 export const mayReview = computed(
   () => role.value >= RoomRole.ROLE_REVIEWER && !state.value?.closed,
 );
@@ -55,16 +56,21 @@ export const others = computed(() =>
 
 export function setName(name: string): void {
   myName.value = name.slice(0, 60);
-  localStorage.setItem(NAME_KEY, myName.value);
+  keep("localStorage", NAME_KEY, myName.value);
 }
 export const colorOf = (key: bigint) => COLORS[Number(key % BigInt(COLORS.length))] ?? 0xffffff;
 export const css = (color: number) => `#${color.toString(16).padStart(6, "0")}`;
 
 // ---- what was read: the newest event seen of each room, in this browser
 
-const seenStore = signal<Record<string, number>>(
-  JSON.parse(localStorage.getItem(SEEN_KEY) ?? "{}") as Record<string, number>,
-);
+function seenBefore(): Record<string, number> {
+  try {
+    return JSON.parse(kept("localStorage", SEEN_KEY) ?? "{}") as Record<string, number>;
+  } catch {
+    return {};
+  }
+}
+const seenStore = signal(seenBefore());
 /** The sequence up to which a room was read before now. */
 export const readBefore = signal(0);
 export const unread = (room: RoomSummary) =>
@@ -77,7 +83,7 @@ export function leaveRead(): void {
   const now = state.value;
   if (!now) return;
   seenStore.value = { ...seenStore.value, [now.room]: Number(now.sequence) };
-  localStorage.setItem(SEEN_KEY, JSON.stringify(seenStore.value));
+  keep("localStorage", SEEN_KEY, JSON.stringify(seenStore.value));
 }
 export function markRead(): void {
   leaveRead();

@@ -23,6 +23,7 @@ import { upload } from "../protocol/upload";
 import { roomId } from "../room/here";
 import { clampOrbit, START, type Orbit } from "../scene/camera";
 import { NO_STATUS, type Status, type Viewer } from "../scene/viewer";
+import { keep, kept } from "../state/kept";
 import { holdsAnyEta, mediaObjects, parseMedium } from "../state/material";
 import { FIRST_LAMP, type LampState, type SceneState } from "../state/scene-state";
 import { fromFragment, toFragment } from "../state/url";
@@ -38,16 +39,15 @@ function tokenOfLink(): string | null {
   if (given === null) return null;
   words.delete("token");
   history.replaceState(history.state, "", `#${words.toString()}`);
-  sessionStorage.setItem(TOKEN_KEY, given);
+  keep("sessionStorage", TOKEN_KEY, given);
   return given;
 }
 const firstToken = () =>
-  tokenOfLink() ?? sessionStorage.getItem(TOKEN_KEY) ?? localStorage.getItem(TOKEN_KEY) ?? "";
+  tokenOfLink() ?? kept("sessionStorage", TOKEN_KEY) ?? kept("localStorage", TOKEN_KEY) ?? "";
 
 export function useToken(token: string, remember: boolean): void {
-  sessionStorage.setItem(TOKEN_KEY, token);
-  if (remember) localStorage.setItem(TOKEN_KEY, token);
-  else localStorage.removeItem(TOKEN_KEY);
+  keep("sessionStorage", TOKEN_KEY, token);
+  keep("localStorage", TOKEN_KEY, remember ? token : null);
   client.useToken(token);
 }
 
