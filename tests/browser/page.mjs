@@ -882,6 +882,15 @@ const scenarios = {
       PATIENCE,
     );
     await shot(page, "no-webgl");
+    await page.evaluate(() => (location.hash = "model=marble.prt&heat=thickness"));
+    await page.getByRole("tab", { name: "View" }).click();
+    await page
+      .getByText(/^Thickness is drawn where the page has the surface/)
+      .waitFor(PATIENCE);
+    const both = "model=marble.prt&compare=difference@0.5&other=model%3Dmarble.prt";
+    await page.evaluate((hash) => (location.hash = hash), both);
+    await page.getByText(/^There is no map: the daemon draws/).waitFor(PATIENCE);
+    assert.equal(await page.locator("canvas.map").isVisible(), false);
     await page.context().close();
   },
 

@@ -64,8 +64,14 @@ function WipeSlider() {
   );
 }
 
+// The map is of pixels that are drawn here: the daemon draws a model without a bake.
+const drawnByDaemon = () =>
+  status.value.mode === "pictures" || otherStatus.value.mode === "pictures";
+
 function Numbers() {
   const found = measured.value;
+  if (drawnByDaemon())
+    return <p class="hint">There is no map: the daemon draws one of the two models.</p>;
   if (!found) return <p class="hint">The map is computed when both pictures are there.</p>;
   return (
     <p class="hint" role="status">
@@ -146,7 +152,7 @@ function Map({ other }: { other: { current: Viewer | null } }) {
   const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
   const draw = () => {
     const [a, b] = [viewer, other.current];
-    if (!canvas.current || !a || !b) return;
+    if (!canvas.current || !a || !b || drawnByDaemon()) return;
     if (!a.settled || !b.settled) later();
     else drawMap(canvas.current, a, b);
   };
@@ -168,7 +174,7 @@ function Map({ other }: { other: { current: Viewer | null } }) {
   const ramp = [0, 0.2, 0.4, 0.6, 0.8, 1].map((x) => `rgb(${heat(x).join(" ")})`).join(", ");
   return (
     <>
-      <canvas ref={canvas} class="map" aria-hidden="true" />
+      <canvas ref={canvas} class="map" aria-hidden="true" hidden={drawnByDaemon()} />
       <div class="legend" aria-hidden="true">
         <span>ΔE₀₀ 0</span>
         <i style={{ background: `linear-gradient(90deg, ${ramp})` }} />

@@ -37,6 +37,8 @@ function show(value: Term | Heat): void {
 }
 function thicknessText(): string {
   const most = viewer?.thickestMm ?? 0;
+  if (status.value.mode !== "mesh")
+    return "Thickness is drawn where the page has the surface; the daemon draws this model.";
   return (
     `How much of each line of sight is inside the model: blue 0, yellow ${most.toPrecision(2)} mm ` +
     "and more; red where the surface is open."
