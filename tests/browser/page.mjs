@@ -568,6 +568,27 @@ const scenarios = {
     }
   },
 
+  async "a number that is not taken does not stay in its field"(home) {
+    const page = await open(`${home}/#model=marble.prt&ev=8`);
+    await page.getByRole("tab", { name: "View" }).click();
+    const field = page.getByLabel("Exposure, number");
+    for (const [typed, shown] of [
+      ["100", "8"],
+      ["", "8"],
+      ["2.5", "2.5"],
+    ]) {
+      await field.fill(typed);
+      await field.press("Enter");
+      await field.blur();
+      assert.equal(await field.inputValue(), shown);
+    }
+    await page.getByRole("tab", { name: "Light" }).click();
+    const turn = page.getByRole("slider", { name: "Turn" });
+    await turn.fill("1000"); // its right end
+    assert.equal(await turn.inputValue(), "1000");
+    await page.context().close();
+  },
+
   async "thickness is drawn in place of light, as rays find it"(home) {
     const page = await open(`${home}/#model=marble.prt&orbit=30,20,1`);
     await mode(page, "mesh");

@@ -98,8 +98,10 @@ export function Slider(props: SliderProps) {
     props.onInput(log ? Math.exp(x) : x);
   };
   const type = (event: { currentTarget: HTMLInputElement }) => {
-    const x = Number(event.currentTarget.value);
-    if (!Number.isFinite(x) || event.currentTarget.value === "") return;
+    const field = event.currentTarget;
+    const x = field.value === "" ? NaN : Number(field.value);
+    field.value = String(shown); // what is not taken does not stay
+    if (!Number.isFinite(x)) return;
     props.onInput(Math.min(max, Math.max(min, x)));
     props.onDone();
   };

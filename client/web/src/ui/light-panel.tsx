@@ -99,7 +99,7 @@ function Lamp({ index }: { index: number }) {
         min={0}
         max={360}
         value={lamp.rotate}
-        onInput={(rotate) => setLamp(index, { rotate: rotate % 360 })}
+        onInput={(rotate) => setLamp(index, { rotate })}
         onDone={commit}
       />
       {!roomId.value && (

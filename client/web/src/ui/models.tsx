@@ -149,6 +149,7 @@ export function UploadSettings() {
           onChange={(event) => {
             const mm = Number(event.currentTarget.value);
             if (mm > 0) uploadSizeMm.value = mm;
+            event.currentTarget.value = String(uploadSizeMm.value);
           }}
         />
         mm
