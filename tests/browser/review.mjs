@@ -105,6 +105,28 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.context().close();
     },
 
+    async "on a phone a message lies below the bar, and a list of links is all there"(home) {
+      const ann = await begin(home, "Ann", "Phone");
+      await ann.setViewportSize({ width: 360, height: 640 });
+      await ann.getByRole("button", { name: /^Undo/ }).click();
+      const message = ann.getByText("There is no change of yours to undo here.");
+      await message.waitFor(PATIENCE);
+      await shot(ann, "room-phone");
+      const over = await ann.locator(".notice").boundingBox();
+      const bar = await ann.locator(".room-bar").boundingBox();
+      assert.ok(over.y >= bar.y + bar.height, `${over.y} over ${bar.y + bar.height}`);
+      await ann.getByRole("button", { name: "Close this message" }).click();
+      await ann.getByRole("button", { name: "Invite" }).click();
+      const made = ann.getByRole("button", { name: "Revoke the link of guest" });
+      for (let i = 0; i < 4; i++) {
+        await ann.getByRole("button", { name: /Make a link/ }).click();
+        await made.nth(i).waitFor(PATIENCE);
+      }
+      await ann.getByRole("button", { name: "Close", exact: true }).click(); // scrolled to
+      await made.first().waitFor({ ...PATIENCE, state: "detached" });
+      await ann.context().close();
+    },
+
     async "a second finger is no part of a stroke"(home) {
       const ann = await begin(home, "Ann", "Fingers");
       await pin(ann, "a dent", [340, 330]); // the surface is here

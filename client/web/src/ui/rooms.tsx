@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Rooms: the list of them, and the bar of the one that the page is in.
 import { useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { RoomRole, type Participant } from "../gen/relight_pb";
 import { act } from "../room/edits";
 import {
@@ -223,6 +223,19 @@ function toggle(number: bigint): void {
   if (pin && mayReview.value) void act({ status: { pin: number, resolved: !pin.resolved } });
 }
 
+// --bar of the stage is the height of the bar: messages lie below it.
+function useHeight(bar: { current: HTMLDivElement | null }, isThere: boolean): void {
+  useEffect(() => {
+    const node = bar.current;
+    if (!node) return undefined;
+    const observer = new ResizeObserver(() =>
+      node.parentElement?.style.setProperty("--bar", `${node.offsetHeight}px`),
+    );
+    observer.observe(node);
+    return () => observer.disconnect();
+  }, [isThere]);
+}
+
 /** Takes a tool, or lays it down. */
 function take(which: "pin" | "draw"): void {
   tool.value = tool.value === which ? "none" : which;
@@ -236,10 +249,12 @@ export function RoomBar() {
   const inviting = useSignal(false);
   const help = useSignal(false);
   useRoomKeys(help);
+  const bar = useRef<HTMLDivElement>(null);
+  useHeight(bar, state.value !== null);
   const now = state.value;
   if (!now) return null;
   return (
-    <div class="room-bar" role="region" aria-label="Room">
+    <div ref={bar} class="room-bar" role="region" aria-label="Room">
       <b class="room-name">{now.name}</b>
       {now.closed && <small>closed</small>}
       <div class="people" aria-label="People">
