@@ -146,7 +146,7 @@ export function ViewPanel() {
             EXR, linear
           </button>
           <button type="button" onClick={resetOrbit}>
-            <Icon name="reset" /> Camera
+            <Icon name="reset" /> Reset the camera
           </button>
         </div>
       </Section>
