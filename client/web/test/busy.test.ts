@@ -129,3 +129,23 @@ test("a light of the page that a room needs is uploaded again", async () => {
   expect(store.notice.value).toBeNull();
   session.leave();
 });
+
+test("a list that comes after a newer one is not shown", async () => {
+  const answers: ((message: unknown) => void)[] = [];
+  daemon.answer = () => new Promise((done) => answers.push(done));
+  const both = [store.refresh(), store.refresh()];
+  const roomLists = [session.listRooms(), session.listRooms()];
+  const list = (name: string) => ({
+    models: [{ name, model: name }],
+    environments: [],
+    files: [],
+  });
+  const rooms = (room: string) => ({ rooms: [{ room }] });
+  answers[1]?.(list("new"));
+  answers[0]?.(list("old"));
+  answers[3]?.(rooms("new"));
+  answers[2]?.(rooms("old"));
+  await Promise.all([...both, ...roomLists]);
+  expect(store.models.value?.map(({ model }) => model)).toEqual(["new"]);
+  expect(here.rooms.value?.map(({ room }) => room)).toEqual(["new"]);
+});

@@ -84,6 +84,7 @@ export async function listRooms(): Promise<void> {
       if (mine === listing) fault(error, ROOMS, true);
       return mine === listing;
     });
+    if (mine !== listing) return; // a newer one was asked for meanwhile
     rooms.value = message.rooms;
     fine(ROOMS);
   } catch (error) {

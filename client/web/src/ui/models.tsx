@@ -103,7 +103,9 @@ export function Models({ close }: { close: () => void }) {
             </button>
           </li>
         ))}
-        {!all.length && !unloaded.length && <li class="hint">There is no model yet.</li>}
+        {models.value?.length === 0 && !unloaded.length && (
+          <li class="hint">There is no model yet.</li>
+        )}
       </ul>
       {mayUpload.value && (
         <div class="bring">

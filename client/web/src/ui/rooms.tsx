@@ -103,7 +103,7 @@ export function Rooms({ close }: { close: () => void }) {
             </button>
           </li>
         ))}
-        {!all.length && <li class="hint">There is no room yet.</li>}
+        {rooms.value?.length === 0 && <li class="hint">There is no room yet.</li>}
       </ul>
       <NewRoom made={close} />
     </Drawer>

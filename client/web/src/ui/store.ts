@@ -313,6 +313,7 @@ export async function refresh(): Promise<void> {
       if (mine === reading) fault(error, LISTS, true);
       return mine === reading;
     });
+    if (mine !== reading) return; // a newer one was asked for meanwhile
     models.value = message.models;
     environments.value = message.environments;
     files.value = message.files.map((file) => file.path);
