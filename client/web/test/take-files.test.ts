@@ -116,3 +116,15 @@ test("each of two models of one name can be chosen", () => {
   store.files.value = ["cow", "old/cow"]; // the daemon calls both so
   expect(store.models.value.map(store.wordOf)).toEqual(["a", "b", "c"]);
 });
+
+test("a model that is cancelled when the daemon has it already is not loaded", async () => {
+  daemon.answer = () => {
+    if (store.uploading.value)
+      store.uploading.value = { ...store.uploading.value, cancelled: true };
+    return { complete: true };
+  };
+  await store.takeFiles([new File(["v 0 0 0"], "cow.obj")]);
+  expect(sent()).toBe(1);
+  expect(daemon.asked.filter(({ type }) => type === Type.Load)).toEqual([]);
+  expect(store.notice.value).toBeNull();
+});

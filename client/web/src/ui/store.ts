@@ -473,6 +473,7 @@ async function sendFile(file: File, bytes: Uint8Array): Promise<void> {
     },
     () => uploading.value?.cancelled ?? false,
   );
+  if (uploading.value?.cancelled) return;
   if (LIGHT_FILE.test(file.name)) {
     const index = chosenIndex();
     const lamp = { ...FIRST_LAMP, env: `env:${hash}` };
