@@ -184,6 +184,26 @@ export function faultScenarios({ open, mode, shot, folder, PATIENCE }) {
       );
       await page.waitForTimeout(200);
       assert.ok(await message.isVisible());
+      // Files are dropped on the page; words that are dragged go into its fields.
+      const taken = await page.evaluate(() => {
+        const drag = (fill) => {
+          const dataTransfer = new DataTransfer();
+          fill(dataTransfer.items);
+          const event = new DragEvent("dragover", {
+            dataTransfer,
+            bubbles: true,
+            cancelable: true,
+          });
+          document.body.dispatchEvent(event);
+          return event.defaultPrevented;
+        };
+        return [
+          drag((items) => items.add("words", "text/plain")),
+          drag((items) => items.add(new File(["v"], "a.obj"))),
+        ];
+      });
+      assert.deepEqual(taken, [false, true]);
+      await page.getByText("Drop a model or a light").waitFor(PATIENCE);
       await page.context().close();
     },
   };

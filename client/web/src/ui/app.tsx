@@ -266,6 +266,8 @@ function Empty() {
   );
 }
 
+const hasFiles = (event: DragEvent) => event.dataTransfer?.types.includes("Files") ?? false;
+
 function useDrops(over: { value: boolean }): void {
   useEffect(() => {
     const stop = new AbortController();
@@ -273,6 +275,7 @@ function useDrops(over: { value: boolean }): void {
     addEventListener(
       "dragover",
       (event) => {
+        if (!hasFiles(event)) return; // words go into fields
         event.preventDefault();
         over.value = true;
       },
@@ -284,6 +287,7 @@ function useDrops(over: { value: boolean }): void {
     addEventListener(
       "drop",
       (event) => {
+        if (!hasFiles(event)) return;
         event.preventDefault();
         over.value = false;
         if (mayUpload.value) void takeFiles(event.dataTransfer?.files ?? []);
