@@ -3,13 +3,15 @@
 import { create, toBinary } from "@bufbuild/protobuf";
 import { afterEach, expect, test, vi } from "vitest";
 import {
+  ErrorCode,
+  ErrorSchema,
   HelloAnswerSchema,
   PingAnswerSchema,
   PingRequestSchema,
   WatchRequestSchema,
   ProgressSchema,
 } from "../src/gen/relight_pb";
-import { Client } from "../src/protocol/client";
+import { Client, type ConnectionState } from "../src/protocol/client";
 import { DisconnectedError } from "../src/protocol/errors";
 import { ANSWER, decodeFrame, encodeFrame, Type } from "../src/protocol/frame";
 
@@ -30,6 +32,10 @@ class FakeSocket {
   }
   close(): void {
     this.readyState = 3;
+  }
+  refuse(id: bigint, header: Uint8Array): void {
+    const bytes = encodeFrame(Type.Error, id, header) as Uint8Array<ArrayBuffer>;
+    this.onmessage?.({ data: bytes.buffer });
   }
   answer(type: Type, id: bigint, header: Uint8Array): void {
     const bytes = encodeFrame(type | ANSWER, id, header) as Uint8Array<ArrayBuffer>;
@@ -76,4 +82,23 @@ test("what awaits an answer fails, once, when the connection is made anew", asyn
   made.useToken("a third");
   await turn();
   expect(ended.length).toBe(2);
+});
+
+test("a daemon that refuses a greeting for now says why, and is asked when it said", async () => {
+  const states: ConnectionState[] = [];
+  const made = (client = new Client("ws://daemon/ws", { changed: (one) => states.push(one) }));
+  made.connect();
+  const socket = sockets.at(-1);
+  socket?.onopen();
+  const error = create(ErrorSchema, {
+    code: ErrorCode.ERROR_BUSY,
+    text: "too many wrong tokens",
+    retryAfterMs: 20_000,
+  });
+  socket?.refuse(socket.sent.at(-1)?.id ?? 0n, toBinary(ErrorSchema, error));
+  await turn();
+  socket?.onclose();
+  const last = states.at(-1);
+  expect(last).toMatchObject({ is: "offline", why: { message: "too many wrong tokens" } });
+  expect(last?.is === "offline" && last.retryAtMs - Date.now()).toBeGreaterThan(15_000);
 });

@@ -341,6 +341,7 @@ export class RelightViewerElement extends HTMLElement {
       this.message.hidden = true;
       void this.viewer?.open();
     } else if (state.is === "refused") this.fault(state.error);
+    else if (state.is === "offline" && state.why) this.fault(state.why, true);
     else if (state.is === "offline") this.say("Offline; it connects again by itself.");
   }
 

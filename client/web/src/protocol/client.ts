@@ -19,6 +19,7 @@ import {
   PingRequestSchema,
   type HelloAnswer,
 } from "../gen/relight_pb";
+import { busyMs } from "./busy";
 import { DisconnectedError, RelightError } from "./errors";
 import {
   ANSWER,
@@ -33,7 +34,8 @@ import {
 export type ConnectionState =
   | { is: "connecting" }
   | { is: "ready"; hello: HelloAnswer }
-  | { is: "offline"; retryAtMs: number }
+  /** why: the daemon refused the greeting for now; missing: it did not answer. */
+  | { is: "offline"; retryAtMs: number; why?: RelightError }
   | { is: "refused"; error: RelightError };
 
 /** An answer: its message, and its payload in memory of its own. */
@@ -76,6 +78,7 @@ export class Client {
   private closed = false;
   private wanted = ""; // the model that is looked at
   private route = ""; // the model in the path of this connection
+  private why: RelightError | null = null; // for which this connection will end
   private readonly name: string;
   private readonly changed: (state: ConnectionState) => void;
 
@@ -272,7 +275,11 @@ export class Client {
   }
 
   private refused(error: unknown): void {
-    if (!(error instanceof RelightError) || error.code !== ErrorCode.ERROR_FORBIDDEN) return;
+    if (!(error instanceof RelightError)) return;
+    if (error.code !== ErrorCode.ERROR_FORBIDDEN) {
+      this.why = error; // the daemon ends the connection
+      return;
+    }
     const socket = this.socket;
     this.socket = null; // not tried again with the same token
     socket?.close();
@@ -292,10 +299,12 @@ export class Client {
     clearInterval(this.pingTimer);
     this.failAll(new DisconnectedError());
     if (this.closed) return;
-    const wait = this.retryMs * (0.8 + 0.4 * Math.random());
+    const { why } = this;
+    this.why = null;
+    const wait = Math.max(this.retryMs * (0.8 + 0.4 * Math.random()), busyMs(why) ?? 0);
     this.retryMs = Math.min(this.retryMs * 1.7, RETRY_MOST_MS);
     this.retryTimer = setTimeout(() => this.connect(), wait);
-    this.changed({ is: "offline", retryAtMs: Date.now() + wait });
+    this.changed({ is: "offline", retryAtMs: Date.now() + wait, ...(why ? { why } : {}) });
   }
 
   private failAll(error: Error): void {

@@ -5,7 +5,7 @@ import { useEffect } from "preact/hooks";
 import { Icon, IconButton, LinkField } from "./controls";
 import { copyLink, linkToCopy } from "./copy";
 import { state as room } from "../room/here";
-import { PageError } from "../protocol/errors";
+import { explain, PageError } from "../protocol/errors";
 import { FileInput } from "./file-input";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
@@ -88,16 +88,25 @@ function TokenPrompt() {
   );
 }
 
+const OFFLINE = {
+  title: "Offline",
+  text: "The daemon does not answer.",
+  remedy: "The page connects again by itself; nothing is lost.",
+};
+
 function Notice() {
   const said = notice.value;
   const state = connection.value;
-  if (state.is === "offline")
+  if (state.is === "offline") {
+    const { title, text, remedy } = state.why ? explain(state.why, true) : OFFLINE;
     return (
       <div class="notice" role="status">
-        <b>Offline</b>
-        <p>The daemon does not answer. The page connects again by itself; nothing is lost.</p>
+        <b>{title}</b>
+        <p>{text}</p>
+        <p class="remedy">{remedy}</p>
       </div>
     );
+  }
   if (!said) return null;
   return (
     <div class={`notice ${said.kind}`} role="alert">
