@@ -739,6 +739,15 @@ const scenarios = {
     assert.ok(difference(await drawnByOther(), alone) < 2e-3);
     assert.ok(difference(await linear(page), alone) > 0.1);
     await shot(page, "wipe");
+    // A hand moves the line, and not the model with it.
+    const compared = () =>
+      page.evaluate(() => {
+        const { compare, orbit } = globalThis.relightViewer.state;
+        return [compare.at, orbit.azimuth];
+      });
+    assert.deepEqual(await compared(), [0.5, 0]);
+    await drag(page, [323, 200], [-99, 0]);
+    assert.deepEqual(await compared(), [0.35, 0]);
     // Both turn together; the wipe is a clip of B, so that the panes have one size.
     await drag(page, [150, 200], [60, 0]);
     await settled(page);

@@ -184,6 +184,30 @@ function Map({ other }: { other: { current: Viewer | null } }) {
   );
 }
 
+// The line between A and B. A hand moves the one of a wipe.
+function Divider() {
+  const move = (event: PointerEvent) => {
+    const line = event.currentTarget as HTMLElement;
+    const box = line.parentElement?.getBoundingClientRect();
+    const { compare } = scene.value;
+    if (!compare || !box || !line.hasPointerCapture(event.pointerId)) return;
+    const at = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+    change({ compare: { ...compare, at } });
+  };
+  return (
+    <i
+      class="divider"
+      onPointerDown={(event) => {
+        event.stopPropagation(); // it turns no model
+        event.currentTarget.setPointerCapture(event.pointerId);
+      }}
+      onPointerMove={move}
+      onPointerUp={commit}
+      onPointerCancel={commit}
+    />
+  );
+}
+
 /** The panes of B, over the pane of A. */
 export function CompareStage() {
   const pane = useRef<HTMLDivElement>(null);
@@ -242,7 +266,7 @@ export function CompareStage() {
         <>
           <span class="name-a">A</span>
           <span class="name-b">B</span>
-          <i class="divider" />
+          <Divider />
         </>
       )}
     </>
