@@ -295,6 +295,7 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
       await ann.goBack();
       await ann.locator(".room-bar").waitFor({ ...PATIENCE, state: "detached" });
       assert.ok(!ann.url().includes("room="));
+      await ann.getByRole("tab", { name: "Light", selected: true }).waitFor(PATIENCE);
       assert.equal(await turnOf(ann), 20);
       await settles(ann);
       assert.equal(await turnOf(bob), turned);

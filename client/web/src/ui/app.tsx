@@ -348,6 +348,7 @@ export function App() {
   const inRoom = room.value !== null;
   useEffect(() => {
     if (inRoom) tab.value = "review";
+    else if (tab.value === "review") tab.value = "light"; // that tab is of rooms
   }, [inRoom]);
   const tabs = inRoom ? [REVIEW, ...TABS] : TABS;
   const Panel = tabs.find((one) => one.id === tab.value)?.panel ?? LightPanel;
