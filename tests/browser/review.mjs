@@ -39,6 +39,21 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       }
       // On the picture of the pin, too; and it goes with its author's word.
       await ann.locator(".thread .over polyline").waitFor({ ...PATIENCE, state: "attached" });
+      // Where the pin lies is on it: the mouse was at a share of the stage.
+      const shares = await ann.evaluate(() => {
+        const { left, top, width, height } = document
+          .querySelector(".stage")
+          .getBoundingClientRect();
+        const mark = document.querySelector(".thread .over circle");
+        return [
+          (340 - left - width / 2) / height,
+          (330 - top - height / 2) / height,
+          (mark.cx.baseVal.value - 240) / 360,
+          (mark.cy.baseVal.value - 180) / 360,
+        ];
+      });
+      const [x, y, markedX, markedY] = shares;
+      assert.ok(Math.hypot(markedX - x, markedY - y) < 0.02, String(shares));
       await shot(ann, "room-strokes");
       // Turned about, it lies on the other side.
       await ann.locator(".stage").focus();

@@ -38,7 +38,7 @@ import {
   type Filter,
 } from "./review-state";
 import { Revisions, Variants } from "./revisions";
-import { DifferencePicture, Picture, StrokesOver } from "./room-picture";
+import { DifferencePicture, MarksOver, Picture } from "./room-picture";
 import { dropStroke, refusedStrokes, sendAgain } from "./strokes";
 import { client, fault } from "./store";
 
@@ -193,7 +193,7 @@ function Seen({ pin }: { pin: Pin }) {
     <>
       <div class="frame">
         <Picture what={{ pin: number }} alt={`What ${byOf(pin.stamp)} saw`} />
-        <StrokesOver strokes={strokesOf(number)} revision={revision} />
+        <MarksOver at={pin.at} strokes={strokesOf(number)} revision={revision} />
       </div>
       <div class="row">
         <small>revision {revision}</small>
@@ -557,7 +557,8 @@ export function PrintView() {
           </h2>
           <div class="frame">
             <Picture what={{ pin: numberOf(pin) }} alt={`What ${byOf(pin.stamp)} saw`} />
-            <StrokesOver
+            <MarksOver
+              at={pin.at}
               strokes={strokesOf(numberOf(pin))}
               revision={pin.seen?.revision ?? 0}
             />

@@ -2,7 +2,7 @@
 // Pictures of scenes that the room keeps, with what was drawn on them, and their differences.
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import type { Stroke } from "../gen/relight_pb";
+import type { Stroke, SurfacePoint } from "../gen/relight_pb";
 import { state } from "../room/here";
 import {
   compared,
@@ -66,18 +66,25 @@ export function Picture(props: { what: Kept; alt: string; size?: Size }) {
   );
 }
 
-/** Strokes over a picture of a revision, seen through its camera. */
-export function StrokesOver(props: { strokes: readonly Stroke[]; revision: number }) {
+/** A pin and its strokes over a picture of a revision, seen through its camera. */
+export function MarksOver(props: {
+  at: SurfacePoint | undefined;
+  strokes: readonly Stroke[];
+  revision: number;
+}) {
   const scene = state.value?.revisions.find((one) => one.number === props.revision)?.scene;
   const placed = placedOf(scene?.camera);
-  if (!placed || !props.strokes.length) return null;
+  if (!placed) return null;
   const { width, height } = SMALL;
+  const onPicture = ({ position: p }: SurfacePoint) =>
+    p ? project(placed, [p.x, p.y, p.z], width, height) : null;
+  const pin = props.at && onPicture(props.at);
   return (
     <svg class="over" viewBox={`0 0 ${width} ${height}`} aria-hidden="true">
+      {pin && <circle cx={pin.x.toFixed(1)} cy={pin.y.toFixed(1)} r={7} />}
       {props.strokes.map((stroke) => {
-        const points = (stroke.line?.points ?? []).flatMap(({ position }) => {
-          const at =
-            position && project(placed, [position.x, position.y, position.z], width, height);
+        const points = (stroke.line?.points ?? []).flatMap((point) => {
+          const at = onPicture(point);
           return at ? [`${at.x.toFixed(1)},${at.y.toFixed(1)}`] : [];
         });
         return (
