@@ -70,3 +70,35 @@ test("the delay of a frame is that of the state it shows, not of older ones that
   expect(delays).toEqual([0, 120, 120, 120]);
   view.close();
 });
+
+test("a hand that moves on a link of 400 ms gets coarse frames, one that rests the exact one", async () => {
+  const { view, sent, frame } = rig();
+  view.useLevels(true);
+  const levels: number[] = [];
+  const turn = () =>
+    view.set((level) => {
+      levels.push(level);
+      return Promise.resolve({ state: {}, fields: ["shade.term"] });
+    });
+  let answered = 0n;
+  frame(0n);
+  // Each frame comes 400 ms after its state.
+  const later = async (ms: number, moves: boolean) => {
+    for (let at = 0; at < ms; at += 50) {
+      if (moves) turn();
+      await pass(50);
+      for (const sequence of sent.filter((one) => one > answered)) {
+        answered = sequence;
+        setTimeout(() => frame(sequence), 400);
+      }
+    }
+  };
+  await later(4000, true);
+  expect(Math.max(...levels)).toBeGreaterThan(0);
+  await later(2000, false);
+  expect(levels.at(-1)).toBe(0);
+  levels.length = 0;
+  await later(50, true); // a single change is no hand that moves
+  expect(levels).toEqual([0]);
+  view.close();
+});

@@ -55,7 +55,7 @@ export class LightView {
   private pace = new Pace(1);
   private level = 0; // of the newest state that was sent
   private setAtMs = -Infinity;
-  private movedAtMs = -Infinity; // when a state was sent last
+  private follows = false; // the newest state came while the hand moved, or before the last one's frame
   private timer: ReturnType<typeof setTimeout> | undefined;
   private resting: ReturnType<typeof setTimeout> | undefined;
   private next: ((level: number) => Promise<ViewChange>) | null = null;
@@ -120,7 +120,9 @@ export class LightView {
    * for frames of a level. */
   set(make: (level: number) => Promise<ViewChange>): void {
     this.next = this.last = make;
-    this.setAtMs = performance.now();
+    const now = performance.now();
+    this.follows = this.waits > 0 || now - this.setAtMs < REST_MS;
+    this.setAtMs = now;
     this.send();
   }
 
@@ -133,10 +135,8 @@ export class LightView {
     if (this.making || this.outstanding.length >= this.pace.outstanding) return;
     const make = this.next;
     if (!make || this.closed) return;
-    const now = performance.now();
-    const moving = this.outstanding.length > 0 || now - this.movedAtMs < REST_MS;
+    const moving = this.follows || this.outstanding.length > 0;
     if (!moving) this.pace.began();
-    this.movedAtMs = now;
     this.next = null;
     this.put(make, moving ? this.pace.level : 0, moving);
   }
