@@ -23,7 +23,8 @@ static int setup(void **state)
     return 0;
 }
 
-// Two objects of one triangle each, a camera, a volume and a second set of uv.
+// Two objects of one triangle each, a camera, a volume, two sets of uv, colours, and an image
+// that a map shows.
 static void two_triangles(struct prt_draft *d)
 {
     struct prt_surface surface;
@@ -33,7 +34,8 @@ static void two_triangles(struct prt_draft *d)
                             .max_vertices = 100,
                             .max_triangles = 100,
                             .max_bytes = 1 << 20,
-                            .n_uv = 1,
+                            .n_uv = 2,
+                            .has_color = true,
                             .n_camera = 1};
     prt_surface_default(&surface, "wax");
     assert_int_equal(prt_draft_surface(d, &surface, &index), PRT_OK);
@@ -56,6 +58,17 @@ static void two_triangles(struct prt_draft *d)
     assert_non_null(volume);
     volume->kind = PRT_VOLUME_SCATTER;
     volume->distance = 1;
+    struct prt_surface_maps *maps = prt_draft_maps(d, index);
+    assert_non_null(maps);
+    maps->map[0].image = 0;
+    d->n_image = 1;
+    d->image = calloc(1, sizeof *d->image);
+    d->texel = calloc(1, sizeof *d->texel);
+    d->texel_bytes = prt_texture_bytes(2, 1);
+    d->texel[0] = prt_calloc(d->texel_bytes, 1);
+    assert_true(d->image && d->texel && d->texel[0]);
+    d->image[0] = (struct prt_texture_image){
+        .width = 2, .height = 1, .n_level = prt_texture_levels(2, 1), .bytes = d->texel_bytes};
 }
 
 // What opening says of the draft, which is finished.
@@ -130,12 +143,36 @@ static void numbers_have_bounds(void **state)
     }
 }
 
+// So are those of textures: what a picture looks up lies in the mesh.
+static void textures_have_bounds(void **state)
+{
+    enum { UV, COLOR, WIDTH, LEVELS, KIND, IMAGE, SET, WRAP, TRANSFORM, METAL, EMISSION, N };
+    for (int change = 0; change < N; change++) {
+        struct prt_draft d;
+        two_triangles(&d);
+        struct prt_surface_maps *maps = &d.maps[0];
+        if (change == UV) d.uv_more[0][5][1] = NAN;
+        if (change == COLOR) d.color[5][3] = 1.01f;
+        if (change == WIDTH) d.image[0].width = 4;
+        if (change == LEVELS) d.image[0].n_level++;
+        if (change == KIND) d.image[0].kind = PRT_TEXTURE_N_KIND;
+        if (change == IMAGE) maps->map[0].image = d.n_image;
+        if (change == SET) maps->map[0].uv_set = PRT_TEXTURE_MAX_UV;
+        if (change == WRAP) maps->map[0].wrap_v = PRT_WRAP_MIRROR + 1;
+        if (change == TRANSFORM) maps->map[0].transform[5] = INFINITY;
+        if (change == METAL) maps->metallic = 1.01f;
+        if (change == EMISSION) maps->emissive[2] = -0.01f;
+        assert_int_equal(opened(&d), PRT_FORMAT);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(corners_are_of_their_block),
         cmocka_unit_test(blocks_follow_one_another),
         cmocka_unit_test(numbers_have_bounds),
+        cmocka_unit_test(textures_have_bounds),
     };
     return cmocka_run_group_tests(tests, setup, NULL);
 }
