@@ -880,6 +880,35 @@ static void colours_round_trip(void **state)
     prt_mesh_destroy(m);
 }
 
+// The first chunk of a GLB is its JSON, and a later one of that type is not read: neither
+// checked in its place nor used. The length of the later one makes the reader build a GLB of
+// its own.
+static void later_json_of_a_glb(void **state)
+{
+    static const char json[] =
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":72}]," TETRA_VIEWS
+        ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
+        "\"nodes\":[{\"mesh\":0}]}   ";
+    static const char other[] = "{\"meshes\":0}";
+    const uint32_t n = (sizeof json - 1) / 4 * 4, more = sizeof other - 2;
+    const uint32_t total = 36 + n + sizeof tetrahedron + (more + 3) / 4 * 4;
+    const uint32_t head[] = {0x46546c67, 2, total, n, 0x4e4f534a};
+    const uint32_t bin[] = {sizeof tetrahedron, 0x004e4942}, third[] = {more, 0x4e4f534a};
+    struct prt_context ctx = context();
+    struct prt_mesh *m;
+    uint8_t file[2048], *at = file;
+    assert_true(total <= sizeof file);
+    memcpy(at, head, sizeof head), at += sizeof head;
+    memcpy(at, json, n), at += n;
+    memcpy(at, bin, sizeof bin), at += sizeof bin;
+    memcpy(at, &tetrahedron, sizeof tetrahedron), at += sizeof tetrahedron;
+    memcpy(at, third, sizeof third), at += sizeof third;
+    memcpy(at, other, sizeof other - 1);
+    if (prt_mesh_load_memory(&ctx, "a.glb", file, total, NULL, NULL, &m)) fail_msg("%s", lines);
+    assert_float_equal(volume(m), 1 / 6., 1e-6);
+    prt_mesh_destroy(m);
+}
+
 // A GLB keeps the blocks of a mesh: an octahedron and a tetrahedron have other numbers of
 // triangles than of vertices.
 static void blocks_round_trip(void **state)
@@ -1064,6 +1093,7 @@ int main(void)
         cmocka_unit_test(nodes_make_objects),
         cmocka_unit_test(rotations_keep_lengths),
         cmocka_unit_test(uncounted_padding_of_a_glb),
+        cmocka_unit_test(later_json_of_a_glb),
         cmocka_unit_test(normals_are_angle_weighted),
         cmocka_unit_test(opposite_windings_are_told),
         cmocka_unit_test(mirrored_normals_point_out),
