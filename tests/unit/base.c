@@ -3,6 +3,8 @@
 // end early.
 #include <dirent.h>
 #include <errno.h>
+#include <limits.h>
+#include <malloc.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -136,6 +138,25 @@ static void an_abandoned_file_leaves_nothing(void **state)
     assert_int_equal(entries_of(folder), 0);
 }
 
+// A path beyond PATH_MAX, of the file or of its temporary one, is an error that keeps no
+// memory.
+static void a_path_that_is_too_long(void **state)
+{
+    struct prt_context ctx = quiet();
+    char path[PATH_MAX + 2];
+    memset(path, 'd', sizeof path);
+    path[sizeof path - 1] = 0;
+    assert_int_equal(prt_write_file(&ctx, path, "bytes", 5), PRT_IO);
+    const size_t before = mallinfo2().uordblks;
+    for (size_t n = PATH_MAX - 8; n < sizeof path; n++) {
+        path[n] = 0;
+        assert_int_equal(prt_write_file(&ctx, path, "bytes", 5), PRT_IO);
+        assert_non_null(strstr(last_line, "the path is too long"));
+        path[n] = 'd';
+    }
+    assert_true(mallinfo2().uordblks <= before);
+}
+
 static void cpu_words_come_back(void **state)
 {
     static const struct {
@@ -211,6 +232,7 @@ int main(void)
         cmocka_unit_test(a_failed_rename_leaves_no_temporary_file),
         cmocka_unit_test(a_failed_write_leaves_the_earlier_file),
         cmocka_unit_test(an_abandoned_file_leaves_nothing),
+        cmocka_unit_test(a_path_that_is_too_long),
         cmocka_unit_test(cpu_words_come_back),
         cmocka_unit_test(a_failed_loop_begins_no_more),
     };
