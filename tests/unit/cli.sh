@@ -202,7 +202,7 @@ expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 1/2 -o parts.prt
 check grep -q 'shard 1/2 done .* 1 of 2 to come' out
 check [ ! -e parts.prt ]
 expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 1/2 --json -o parts.prt
-check grep -q '"parts_missing":1' out
+check grep -q '"shard":1,"shards":2,"parts_missing":1' out
 expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 0/2 -o parts.prt
 check cmp ball.prt parts.prt
 check [ -z "$(ls parts.prt.* 2>/dev/null)" ]
