@@ -9,6 +9,7 @@ import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'unit'))
 import candle  # noqa: E402
+import variant_model  # noqa: E402
 from programs import BIN, daemon, expect, main, prt, relight, run  # noqa: E402
 
 MARBLE = ['--material', 'marble', '--size-mm', '20']
@@ -52,6 +53,11 @@ def tool():
     for engine in ('texture', 'splat'):
         prt('image', 'candle.gltf', *LIT, *SIZE, '--material', 'wax=' + OWN, '--material', 'skin1', '--engine', engine,
             '--floor', '-o', 'b.exr')
+    prt('image', 'small.obj', *MARBLE, *LIT, *SIZE, '--samples', '300', '--term', 'difference', '--engine', 'reference',
+        '--scattering', 'walk', '--walks', '16', '-o', 'difference.png')
+    variant_model.write('variants.glb')
+    prt('bake', 'variants.glb', *SMALL, '--no-single', '-o', 'variants.prt')
+    prt('colors', 'variants.prt', *LIT, '--variant', 'dark', '-o', 'c.csv')
     prt('compare', 'a.png', 'a.png')
     prt('compare', 'joint.prt', 'reference', '--env', 'sky.exr', '--materials', 'skin1', '--samples', '100', '--rays', '16',
         '--vertices', '2', '--term', 'multiple')
