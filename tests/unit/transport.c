@@ -297,12 +297,22 @@ static int open_copy(const void *bytes, size_t n, enum prt_file_check check)
     return status;
 }
 
+// A file of another length than its header says is refused, and the message says which is
+// longer.
 static void every_truncation_is_refused(void **state)
 {
     struct prt_blob blob = written();
-    for (size_t n = 0; n < blob.size; n += n < 2048 ? 1 : 61)
+    for (size_t n = 0; n < blob.size; n += n < 2048 ? 1 : 61) {
         assert_int_equal(open_copy(blob.bytes, n, PRT_FILE_CHECK_HEADERS), PRT_FORMAT);
+        assert_non_null(strstr(last_line, n < 8 ? "not a .prt file" : "the file is truncated"));
+    }
     assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_ALL), 0);
+    char *longer = calloc(blob.size + 1, 1);
+    assert_non_null(longer);
+    memcpy(longer, blob.bytes, blob.size);
+    assert_int_equal(open_copy(longer, blob.size + 1, PRT_FILE_CHECK_HEADERS), PRT_FORMAT);
+    assert_non_null(strstr(last_line, "bytes follow the end of the file"));
+    free(longer);
     prt_free(blob.bytes);
 }
 
@@ -447,6 +457,7 @@ static void sections_too_many_are_refused(void **state)
     X(direction_count, "out of range", W(uint32_t, F->rows.direction)[1]++)           \
     X(direction_begin, "do not start at 0", W(uint32_t, F->rows.direction)[0] = 1)    \
     X(direction_missing, "missing or too many", F->rows.direction = NULL)             \
+    X(direction_many, "missing or too many", A->rows.direction = F->rows.direction)   \
     X(value_begin, "out of range", W(uint64_t, F->rows.value_begin)[1]++)             \
     X(mix_infinite, "not finite", W(uint16_t, F->rows.mix)[2] = 0x7c00)               \
     X(component_nan, "not finite", W(float, F->rows.scale)[2] = NAN)                  \
