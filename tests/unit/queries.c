@@ -102,10 +102,13 @@ static void compare_many(const struct prt_transport *t)
 }
 
 // Queries that are answered in one pass get the values that each gets alone. Tensors have the
-// same clusters or others, opaque vertices among them or not, or are sparse.
+// same clusters or others, opaque vertices among them or not, or are sparse. Where there are
+// planes of exit, a sum has terms of one plane and of nine.
 static void many_queries_equal_one_by_one(void **state)
 {
-    struct synthetic_options pairs = kind[6], single = kind[0];
+    struct synthetic_options pairs = kind[6], single = kind[0], exits = kind[1];
+    exits.term = PRT_TERM_VIEW;
+    exits.n_phase = 9;
     pairs.cube = 16;
     single.term = PRT_TERM_SINGLE; // on the clusters of the multiple one
     struct {
@@ -121,6 +124,8 @@ static void many_queries_equal_one_by_one(void **state)
         transport_of(&t, c[i].a, c[i].b);
         for (uint32_t k = 0; k < t.mesh.n_surface && !c[i].opaque; k++)
             t.mesh.surface[k].translucent = true;
+        compare_many(&t);
+        assert_int_equal(synthetic_tensor(&exits, &t.tensor[t.n_tensor++]), 0);
         compare_many(&t);
         finish_transport(&t);
     }
