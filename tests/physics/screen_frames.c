@@ -93,7 +93,7 @@ static void receivers_stand_for_their_patch(void **state)
         uint32_t *object = malloc((v->n_column + 1) * sizeof *object);
         for (uint32_t t = 0; t < v->n_tile; t++)
             for (uint32_t i = v->begin[t]; i < v->begin[t + 1]; i++) object[i] = v->object[t];
-        double worst = 0;
+        double worst = 0, mean = 0;
         for (uint32_t i = 0; i < s.g.n_point; i++) {
             float sum = 0, p[3] = {0, 0, 0}, d = 0;
             for (int k = 0; k < 4; k++) {
@@ -107,10 +107,13 @@ static void receivers_stand_for_their_patch(void **state)
             expect_near("sum of weights", sum, 1, 1e-5);
             for (int j = 0; j < 3; j++) d += powf(p[j] - s.g.position[j][i], 2);
             worst = fmax(worst, sqrt((double)d));
+            mean += sqrt((double)d) / s.g.n_point;
         }
         // a pixel is 0.25 mm wide here
         expect_below(expect_name("receivers of %u pixels: distance [mm]", size), worst,
                      size == 1 ? 1e-5 : 0.9 * size);
+        expect_below(expect_name("receivers of %u pixels: mean distance [mm]", size), mean,
+                     size == 1 ? 1e-7 : 0.07 * size);
         free(object);
     }
     stage_finish(&s);
