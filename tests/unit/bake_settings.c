@@ -126,6 +126,22 @@ static void each_setting_has_its_bound(void **state)
     assert_int_equal(prt_bake_check_settings(&c, &open), PRT_OK);
 }
 
+// Contract of struct prt_bake_options: settings that are left open get the values that its
+// comments and --help name, given ones stay, and a draft has its own.
+static void open_settings_have_their_defaults(void **state)
+{
+    struct prt_bake_options o = {0}, draft = {.draft = true, .max_error = 0.3};
+    struct prt_bake_options given = {.n_coef = 200, .cube = 64, .n_single = 9};
+    prt_bake_set_defaults(&o);
+    assert_true(o.n_coef == 128 && o.cube == 32 && o.n_single == 16 && o.max_error == 0.01);
+    assert_true(o.n_sample == 0); // by the mean free path
+    prt_bake_set_defaults(&draft);
+    assert_true(draft.n_coef == 128 && draft.cube == 16 && draft.n_sample == 20000);
+    assert_true(draft.max_error == 0.3);
+    prt_bake_set_defaults(&given);
+    assert_true(given.n_coef == 200 && given.cube == 64 && given.n_single == 9);
+}
+
 static uint32_t cluster_size(uint32_t n_vertex, enum prt_transport_kind engine,
                              enum prt_scattering scattering)
 {
@@ -165,6 +181,7 @@ int main(void)
         cmocka_unit_test(a_seed_keeps_its_digits),
         cmocka_unit_test(media_are_recorded_by_object),
         cmocka_unit_test(each_setting_has_its_bound),
+        cmocka_unit_test(open_settings_have_their_defaults),
         cmocka_unit_test(a_small_model_has_many_clusters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
