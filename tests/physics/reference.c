@@ -168,14 +168,30 @@ static void single_scattering_of_a_half_space(void **state)
     prt_mesh_destroy(mesh);
 }
 
-// Law: an exit takes the same share of a colour and of its standard error (METHODS §1, exit;
-// §9), towards an eye and without one.
+// F_t over T of what leaves a vertex towards an eye, F_t's mean over T without one.
+static double share_that_leaves(const struct prt_mesh *mesh, uint32_t v, const float *eye,
+                                double eta)
+{
+    const double divisor = prt_exit_divisor(eta, PRT_EXIT_NORMALISED);
+    double length = 0, cosine = 0;
+    if (!eye) return prt_fresnel_mean_transmittance(eta) / divisor;
+    for (int k = 0; k < 3; k++) {
+        const double w = (double)eye[k] - (double)mesh->position[v][k];
+        length += w * w;
+        cosine += w * (double)mesh->normal[v][k];
+    }
+    cosine /= sqrt(length);
+    return cosine > 0 ? prt_fresnel_transmittance(eta, fmin(cosine, 1)) / divisor : 0;
+}
+
+// Law: an exit takes F_t of a colour and the same share of its standard error (METHODS §1,
+// exit; §9), towards an eye and without one.
 static void errors_leave_as_colours(void **state)
 {
     struct prt_mesh *mesh = sphere(2);
     struct prt_cube light;
     struct prt_material m = medium("skin1");
-    const float eye[3] = {20, 0, 0};
+    const float eye[3] = {2, 1, 4};
     const uint32_t vertex = 12 * 48 + 4;
     make_light(&light, 16, 1);
     for (int k = 0; k < 2; k++) {
@@ -197,7 +213,10 @@ static void errors_leave_as_colours(void **state)
                                                   &color[leaves]),
                              PRT_OK);
         }
+        const double leave = share_that_leaves(mesh, vertex, k ? eye : NULL, (double)m.eta);
         for (int c = 0; c < 3; c++) {
+            expect_near("share of the colour that leaves", (double)(color[1][c] / color[0][c]),
+                        leave, 1e-5);
             expect_above("standard error over the colour", (double)(error[1][c] / color[1][c]),
                          1e-3);
             expect_near("share of the error that leaves over the colour's",
