@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Every allocation of the library fails once: the call returns PRT_NOMEM and nothing of it, and
+// Allocations of the library fail once each: the call returns PRT_NOMEM and nothing of it, and
 // the next call succeeds.
 #include <setjmp.h>
 #include <stdarg.h>
@@ -8,12 +8,16 @@
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
+#include "prt/bake.h"
+#include "prt/mesh.h"
 #include "prt/radial.h"
 
 extern void *__libc_memalign(size_t align, size_t n);
+extern void *__libc_realloc(void *p, size_t n);
 
 static _Atomic int64_t countdown; // the allocation that fails; 0: none
 static _Atomic int64_t n_failed;
@@ -36,6 +40,17 @@ int posix_memalign(void **out, size_t align, size_t n)
     if (fails()) return 12; // ENOMEM
     *out = __libc_memalign(align, n);
     return *out ? 0 : 12;
+}
+
+// Lists that grow: their first sizes are small and many, and fail elsewhere.
+enum { LARGE = 16 << 10 };
+static _Atomic int64_t growth; // the growth to LARGE bytes or more that fails; 0: none
+
+void *realloc(void *p, size_t n)
+{
+    if (n < LARGE || !growth || --growth) return __libc_realloc(p, n);
+    n_failed++;
+    return NULL;
 }
 
 static void ignore_line(void *user, enum prt_log_level level, const char *line)
@@ -94,8 +109,57 @@ static void radial_bases(void **state)
     each_allocation_fails(polynomial);
 }
 
+// The walks of a free medium are kept in lists that grow with their exits.
+static int bake_walks(const struct prt_context *ctx, const struct prt_mesh *mesh)
+{
+    static const struct prt_material m = {.sigma_s_prime = {1, 1, 1},
+                                          .sigma_a = {0.01f, 0.01f, 0.01f},
+                                          .eta = 1.3f,
+                                          .roughness = 0.3f};
+    const struct prt_bake_options o = {.engine = PRT_TRANSPORT_JOINT,
+                                       .media = prt_media_one(&m),
+                                       .scattering = PRT_SCATTERING_WALK,
+                                       .n_walk = 16,
+                                       .n_sample = 300,
+                                       .cube = 16,
+                                       .no_single = true,
+                                       .unmeasured = true};
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/prt-library-%d.prt", (int)getpid());
+    const int status = prt_bake(ctx, mesh, &o, path);
+    assert_int_equal(unlink(path), status ? -1 : 0);
+    return status;
+}
+
+static void growing_lists(void **state)
+{
+    static const char octahedron[] =
+        "v 10 0 0\nv -10 0 0\nv 0 10 0\nv 0 -10 0\nv 0 0 10\nv 0 0 -10\nf 1 3 5\nf 3 2 5\n"
+        "f 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n";
+    struct prt_context ctx;
+    struct prt_mesh *mesh;
+    prt_context_init(&ctx);
+    ctx.log = ignore_line;
+    assert_int_equal(prt_mesh_load_memory(&ctx, "o.obj", octahedron, sizeof octahedron - 1,
+                                          NULL, NULL, &mesh),
+                     PRT_OK);
+    assert_int_equal(prt_mesh_scale(&ctx, mesh, 20, 0), PRT_OK);
+    int64_t n = 1, before = -1;
+    for (n_failed = 0; before != n_failed; n++) {
+        before = n_failed;
+        growth = n;
+        const int status = bake_walks(&ctx, mesh);
+        growth = 0;
+        assert_int_equal(status, n_failed > before ? PRT_NOMEM : PRT_OK);
+    }
+    assert_true(n > 2);
+    print_message("%lld growths failed\n", (long long)n - 2);
+    prt_mesh_destroy(mesh);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(radial_bases)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(radial_bases),
+                                       cmocka_unit_test(growing_lists)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
