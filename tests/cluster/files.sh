@@ -26,7 +26,7 @@ check haproxy haproxy.cfg proxy
 unit() { # a copy whose program is there
     local dir status
     dir=$(mktemp -d)
-    sed "s|^ExecStart=[^ ]*|ExecStart=/bin/true|" "$build/deploy/relightd@.service" >"$dir/relightd@.service"
+    sed "s|^ExecStart=[^ ]*|ExecStart=/bin/true|" relightd@.service.in >"$dir/relightd@.service"
     cp "$dir/relightd@.service" "$dir/relightd@1.service"
     systemd-analyze verify --man=no --generators=no --recursive-errors=no "$dir/relightd@1.service"
     status=$?

@@ -6,8 +6,8 @@ set -eu
 cmake=$1 build=$2 source=$3 cc=$4 sanitize=${5-}
 tmp=$(mktemp -d) && trap 'rm -rf "$tmp"' EXIT
 fail() { echo "install.sh: $*" >&2; exit 1; }
-# The absolute folder of configuration follows DESTDIR only.
-DESTDIR=$tmp "$cmake" --install "$build" >"$tmp/log" 2>&1 || { cat "$tmp/log" >&2; fail "cmake --install failed"; }
+# The build is configured for /usr/local, as it comes; files that name folders name those of this prefix.
+DESTDIR=$tmp "$cmake" --install "$build" --prefix /usr >"$tmp/log" 2>&1 || { cat "$tmp/log" >&2; fail "cmake --install failed"; }
 bin=$(dirname "$(find "$tmp" -name relightd -type f)")
 prefix=$(dirname "$bin")
 for program in prt relight relightd relight-preview relight-control prt-bench; do
@@ -22,7 +22,10 @@ sed -n 's/^#\([a-z-]*\) =.*/\1/p' "$tmp/default" | sort -u >"$tmp/words"
 sed -n 's/^#\{0,1\}\([a-z-]*\) =.*/\1/p' "$conf" | sort -u >"$tmp/named"
 diff "$tmp/words" "$tmp/named" >&2 || fail "relightd.conf and --print-config name different options"
 unit=$(find "$tmp" -name relightd.service)
-grep -q '^ExecStart=/.*/relightd --config /.*/relightd.conf$' "$unit" || fail "the unit's ExecStart"
+[ "$conf" = "$tmp/etc/relight/relightd.conf" ] || fail "relightd.conf is installed as $conf"
+for file in "$unit:relightd.conf" "$prefix/lib/systemd/system/relightd@.service:%i.conf"; do
+    grep -qx "ExecStart=/usr/bin/relightd --config /etc/relight/${file##*:}" "${file%:*}" || fail "ExecStart of ${file%:*}"
+done
 rules=$prefix/lib/udev/rules.d/60-relight-control.rules
 grep -q 'ATTR{idVendor}=="046d", ATTR{idProduct}=="c626"' "$rules" || fail "no rule for the SpaceNavigator"
 # Each device that relight-control knows has its rule, and no other has one.
@@ -69,6 +72,7 @@ int main(void)
     return status == -RELIGHT_E_UNREACHABLE && puts(relight_code_text(status)) >= 0 ? 0 : 1;
 }
 C
+grep -qx prefix=/usr "$(find "$tmp" -name relight.pc)" || fail "relight.pc names another prefix"
 export PKG_CONFIG_PATH="$(dirname "$(find "$tmp" -name relight.pc)")"
 export PKG_CONFIG_SYSROOT_DIR="$tmp"
 # shellcheck disable=SC2046 # flags
