@@ -29,7 +29,10 @@ dpkg-deb -x "$tmp"/librelight-dev_*.deb "$tmp/dev"
 grep -qx 'ExecStart=/usr/bin/relightd --config /etc/relight/relightd.conf' "$tmp/relightd/usr/lib/systemd/system/relightd.service" ||
     fail "the unit's ExecStart"
 [ -s "$tmp/relightd$(cat "$tmp/control-relightd/conffiles")" ] || fail "a conffile that is not in the package"
-grep -qx prefix=/usr "$(find "$tmp/dev" -name relight.pc)" || fail "relight.pc names another prefix"
+pc=$(find "$tmp/dev" -name relight.pc)
+grep -qx prefix=/usr "$pc" || fail "relight.pc names another prefix"
+# The library is shared: a program over it is linked without the development packages of what it uses.
+PKG_CONFIG_LIBDIR=$(dirname "$pc") pkg-config --cflags --libs relight >/dev/null || fail "relight.pc wants other packages"
 for script in postinst prerm postrm; do
     [ -x "$tmp/control-relightd/$script" ] && sh -n "$tmp/control-relightd/$script" || fail "$script"
 done
