@@ -135,6 +135,29 @@ static void print_line(const char *label, const char *text)
     putchar('\n');
 }
 
+// Takes out what only a program reads: arrays of more than 32 values, such as an error for each
+// of 200 vertices, and objects that hold nothing else.
+static void remove_long_arrays(cJSON *json)
+{
+    for (cJSON *c = json->child, *next; c; c = next) {
+        next = c->next;
+        bool object = cJSON_IsObject(c);
+        if (object) remove_long_arrays(c);
+        if (object ? !c->child : cJSON_IsArray(c) && cJSON_GetArraySize(c) > 32)
+            cJSON_Delete(cJSON_DetachItemViaPointer(json, c));
+    }
+}
+
+static void print_errors(const struct relight_model *m)
+{
+    cJSON *json = cJSON_Parse(m->errors);
+    if (json) remove_long_arrays(json);
+    char *text = json ? cJSON_PrintUnformatted(json) : NULL;
+    print_line("errors", text ? text : m->errors);
+    free(text);
+    cJSON_Delete(json);
+}
+
 static void print_block(const struct relight_block *b, bool several)
 {
     printf("  block: object %u, %u vertices, %u triangles, %s %s", b->object, b->n_vertex,
@@ -229,7 +252,7 @@ int run_info(struct relight_client *client, struct options *options)
             printf("  measured relative RMSE: %.3g %%\n", 100 * m.error_bound);
         print_media(&m);
         print_line("settings", m.settings);
-        print_line("errors", m.errors);
+        print_errors(&m);
         for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i, m.n_medium > 1);
         for (size_t i = 0; i < m.n_camera; i++) print_line("camera", m.camera[i].name);
         for (size_t i = 0; i < m.n_variant; i++) print_line("variant", m.variant[i]);

@@ -506,7 +506,8 @@ static int describe_env(struct tool *tool, const char *path, cJSON *root)
     return EXIT_DONE;
 }
 
-// Plain text: `name: value`, nested objects indented, arrays of numbers on one line.
+// Plain text: `name: value`, nested objects indented, arrays of numbers on one line, of more
+// than 32 their count.
 static void print_text(const cJSON *item, int depth)
 {
     for (const cJSON *c = item->child; c; c = c->next) {
@@ -522,6 +523,10 @@ static void print_text(const cJSON *item, int depth)
                 printf("%*s-\n", 2 * depth + 2, "");
                 print_text(e, depth + 2);
             }
+            continue;
+        }
+        if (cJSON_IsArray(c) && cJSON_GetArraySize(c) > 32) {
+            printf(" %d values (--json prints them)\n", cJSON_GetArraySize(c));
             continue;
         }
         char *text = cJSON_IsString(c) ? NULL : cJSON_PrintUnformatted(c);
