@@ -244,10 +244,9 @@ int run_info(struct relight_client *client, struct options *options)
                (double)(m.box_max[2] - m.box_min[2]));
         if (*m.engine)
             printf(
-                "  transport: %s %s, 6x%ux%u, %.2f MB (%.1f bytes a vertex), %.2f MB in memory\n",
+                "  transport: %s %s, 6x%ux%u; with mesh and images %.2f MB, %.2f MB in memory\n",
                 escape(m.storage).text, escape(m.engine).text, m.cube, m.cube,
-                (double)m.bytes * 1e-6, m.n_vertex ? (double)m.bytes / m.n_vertex : 0.0,
-                (double)m.resident_bytes * 1e-6);
+                (double)m.bytes * 1e-6, (double)m.resident_bytes * 1e-6);
         if (m.error_bound > 0)
             printf("  measured relative RMSE: %.3g %%\n", 100 * m.error_bound);
         print_media(&m);
