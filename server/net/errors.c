@@ -40,8 +40,7 @@ const char *error_hint(int code)
     case RELIGHT__ERROR_CODE__ERROR_LIMIT:
         return "the daemon's configuration or its machine sets this limit";
     case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
-        return "the request does not fit what the daemon has now; for another material, bake the "
-               "model with transport joint or polynomial";
+        return "the request does not fit what the daemon has now";
     case RELIGHT__ERROR_CODE__ERROR_JOB_FAILED:
         return "correct the named cause and load the model again";
     default:

@@ -127,9 +127,11 @@ static int check_baked(const struct render *r, char error[300])
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
     if (!traced && (s->has_material || s->objects) && t->engine == PRT_TRANSPORT_WAVELET) {
-        snprintf(error, 300,
-                 "%.100s was baked with its material (wavelet transport), which cannot change",
-                 r->model->name);
+        snprintf(
+            error, 300,
+            "%.100s was baked with its material (wavelet transport), which cannot change; for "
+            "others, bake it with transport joint or polynomial",
+            r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
     if (s->max_error > 0 && bake_error(r) > s->max_error) {

@@ -59,7 +59,7 @@ def one_bake():
     same('got.png', 'want.png', 0.05)
     for words in ('skin1', 'wax=skin1'):
         said = relight('colors', 'fixed', *LIT, *material(words), '-o', 'got.csv', status=2).said
-        expect('cannot change' in said, 'a fixed medium: ' + said)
+        expect('cannot change; for others, bake it' in said, 'a fixed medium: ' + said)
 
 
 def maps():
