@@ -324,8 +324,10 @@ const struct command commands[] = {
      "protocol, as sixels or as half blocks, which $RELIGHT_TERMINAL (kitty, sixel, blocks, "
      "blocks256) overrides.\n\n"
      "Examples:\n  relight image bunny --env sunrise.exr --size 1280x720 -o bunny.png\n"
-     "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 --exposure -1 -o bunny.exr\n"
-     "  relight image head --env studio.exr --albedo-map skin.jpg --normal-map skin_n.png "
+     "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 \\\n"
+     "      --exposure -1 -o bunny.exr\n"
+     "  relight image head --env studio.exr --albedo-map skin.jpg \\\n"
+     "      --normal-map skin_n.png "
      "-o head.png",
      COMMON LIGHT PICTURE "o", true, run_image},
     {"edit", "ID",
@@ -333,8 +335,8 @@ const struct command commands[] = {
      "Writes a picture or vertex colours, by the ending of FILE. The model needs joint or polynomial "
      "transport; polynomial transport keeps the light of its bake.\n\n"
      "Examples:\n  relight edit bunny --material skin1 --env studio.hdr -o bunny.png\n"
-     "  relight edit bunny --material '{\"sigma_s_prime\":[2,3,4],\"sigma_a\":[0,0,.1],"
-     "\"eta\":1.3}' --env studio.hdr -o bunny.npy",
+     "  relight edit bunny --env studio.hdr -o bunny.npy \\\n"
+     "      --material '{\"sigma_s_prime\":[2,3,4],\"sigma_a\":[0,0,.1],\"eta\":1.3}'",
      COMMON LIGHT PICTURE "of", true, run_edit},
     {"geometry", "ID",
      "Fetches positions, normals and triangles.\v"
@@ -393,7 +395,8 @@ const struct command commands[] = {
      "makes pins of a BCF file's topics; one of another program is placed where the middle of its "
      "view shows the room's model. compare prints the CIEDE2000 of two revisions' pictures, of a "
      "revision and the scene now, or of the newest decision and the scene now.\n\n"
-     "Examples:\n  relight room create 'Bunny in jade' --model bunny --env studio.exr --material jade\n"
+     "Examples:\n  relight room create 'Bunny in jade' --model bunny \\\n"
+     "      --env studio.exr --material jade\n"
      "  relight room invite 'Bunny in jade' Ann --role reviewer --expires 7d\n"
      "  relight room pin 'Bunny in jade' 'too red, @Bob' --at 0,1204,0.3,0.2\n"
      "  relight room show 'Bunny in jade' 12 -o pin.png\n"
@@ -406,7 +409,7 @@ const struct command commands[] = {
      "PATH is the path and query of a picture over HTTP. Prints the path to put behind the address "
      "of --http, for <img> in any page. The link has the rights of your token, `view` at most, and "
      "ends with it; a token of its own, with a --rate, keeps viewers of links apart from you.\n\n"
-     "Examples:\n  relight sign '/v1/models/bunny/image.jpg?env=constant&rotate=30&size=800x600'\n"
+     "Examples:\n  relight sign '/v1/models/bunny/image.jpg?env=constant&size=800x600'\n"
      "  relight sign --expires 30d '/v1/models/bunny/image.png?env=studio'",
      COMMON "\3", true, run_sign},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,

@@ -78,7 +78,7 @@ static const struct {
          "  prt material principled.json -o skin.json\n"
          "  prt material scene.pbrt#fog -o fog.json\n"
          "  prt material dragon.glb -o wax.json\n"
-         "  prt material \"Lowfat Milk\" -o milk.json\n"
+         "  prt material \"Lowfat Milk\" -o milk.json\n\n"
          "IN is MaterialX (open_pbr_surface, standard_surface), the inputs of\n"
          "Blender's Principled BSDF as JSON, a pbrt scene, a glTF file, or a name:\n"
          "the presets of --material and pbrt's named media. `prt material names`\n"

@@ -43,8 +43,14 @@ if command -v systemd-analyze >/dev/null; then
         >"$tmp/verify" 2>&1 && [ ! -s "$tmp/verify" ] ||
         { cat "$tmp/verify" >&2; fail "systemd-analyze finds faults in the unit"; }
 fi
-for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man1/relight-control.1 man8/relightd.8 man5/relightd.conf.5 man3/relight.3; do
+for page in man1/prt.1 man1/prt-bake.1 man1/prt-material.1 man1/prt-bench.1 man1/relight.1 man1/relight-control.1 man8/relightd.8 man5/relightd.conf.5 man3/relight.3; do
     [ -s "$prefix/share/man/$page" ] || fail "no $page"
+done
+# An example is copied as it stands: argp breaks lines of more than 79 characters.
+for page in "$prefix"/share/man/man1/*.1; do
+    if sed -n '/^Examples*:/,/^$/p' "$page" | sed '1d; /^$/d; /^\.fi$/d' | grep -v '^  ' >&2; then
+        fail "$(basename "$page"): an example's line is broken"
+    fi
 done
 # A page of section 3 for each function that the header declares, with its name and its outcome.
 sed -n 's/^[a-z].*[ *]\(relight_[a-z0-9_]*\)(.*/\1/p' "$prefix/include/relight/relight.h" |

@@ -134,7 +134,7 @@ int main(int argc, char **argv)
         "  prt-bench relight_factored relight_sparse\n"
         "  prt-bench --file bunny.prt relight_file cold_start\n"
         "  prt-bench --model bunny.glb --env studio.exr --env grace.exr bake_single\n"
-        "  prt-bench --file bunny.prt serve        every figure whose name begins with serve_\n"
+        "  prt-bench --file bunny.prt serve        every figure that begins with serve_\n"
         "  prt-bench --cpu avx2 --threads 1 --seconds 2 relight_sparse\n";
     const struct argp argp = {option_table, parse, "[NAME...]", doc, 0, 0, 0};
     struct options o = {.env = {.seconds = 0.5, .seed = 1}};
