@@ -4,7 +4,7 @@
 # once; names, dependencies and maintainer scripts are in order.
 #   packages.sh BUILD_FOLDER
 set -u
-command -v dpkg-deb >/dev/null && command -v dpkg-shlibdeps >/dev/null || { echo "skipped: no dpkg-dev"; exit 77; }
+command -v dpkg-shlibdeps >/dev/null && command -v file >/dev/null || { echo "skipped: no dpkg-dev, or no file"; exit 77; }
 build=$1
 tmp=$(mktemp -d)
 trap 'rm -rf "$tmp"' EXIT

@@ -7,6 +7,7 @@
 set -u
 build=$1
 [ "$(id -u)" = 0 ] && command -v debootstrap >/dev/null || { echo "skipped: not root, or no debootstrap"; exit 77; }
+command -v dpkg-shlibdeps >/dev/null && command -v file >/dev/null || { echo "skipped: no dpkg-dev, or no file"; exit 77; }
 . /etc/os-release
 [ "${ID-}" = debian ] || { echo "skipped: packages are made for the system that builds them, which is no Debian"; exit 77; }
 tmp=$(mktemp -d /var/tmp/relight-chroot-XXXXXX)
