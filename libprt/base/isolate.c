@@ -265,8 +265,11 @@ unsigned prt_isolate_crashes(void)
 static int explain(const struct prt_context *ctx, const char *what, int how, bool late,
                    const struct prt_isolate_limits *limits)
 {
-    if (late || (WIFSIGNALED(how) && (WTERMSIG(how) == SIGXCPU || WTERMSIG(how) == SIGKILL)))
+    if (late)
         return prt_fail(ctx, PRT_LIMIT, "%s: gave up reading it after %g s", what,
+                        PRT_ISOLATE_WALL * limits->seconds);
+    if (WIFSIGNALED(how) && (WTERMSIG(how) == SIGXCPU || WTERMSIG(how) == SIGKILL))
+        return prt_fail(ctx, PRT_LIMIT, "%s: gave up reading it after %g s of CPU time", what,
                         limits->seconds);
     if (WIFSIGNALED(how)) {
         crashes++;
@@ -304,8 +307,8 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
         return prt_fail(ctx, PRT_NOMEM, "%s: no child process: %s", what, strerror(error));
     }
     struct answer answer = {0};
-    enum got got =
-        listen_to(ctx, what, end[0], prt_time_s() + own.seconds, own.memory_bytes, &answer);
+    double deadline_s = prt_time_s() + PRT_ISOLATE_WALL * own.seconds;
+    enum got got = listen_to(ctx, what, end[0], deadline_s, own.memory_bytes, &answer);
     close(end[0]);
     if (got == GOT_LATE || answer.have) kill(pid, SIGKILL); // nothing more is wanted of it
     int how = reap(pid);

@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <linux/filter.h>
 #include <linux/seccomp.h>
+#include <poll.h>
 #include <pthread.h>
 #include <setjmp.h>
 #include <signal.h>
@@ -111,9 +112,36 @@ static void endless_is_limit(void **state)
 {
     struct prt_blob out;
     double begin = prt_time_s();
-    assert_int_equal(run(spin, NULL, 0.5, &out), PRT_LIMIT);
+    assert_int_equal(run(spin, NULL, 0.25, &out), PRT_LIMIT);
     assert_true(prt_time_s() - begin < 5);
-    assert_non_null(strstr(last_line, "thing.xyz"));
+    assert_non_null(strstr(last_line, "thing.xyz: gave up reading it after 1.5 s"));
+}
+
+static int burn(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    for (volatile unsigned i = 0;; i++) {
+    }
+    return PRT_OK;
+}
+
+static void work_without_end_is_limit(void **state)
+{
+    struct prt_blob out;
+    assert_int_equal(run(burn, NULL, 1, &out), PRT_LIMIT);
+    assert_non_null(strstr(last_line, "thing.xyz: gave up reading it after 1 s of CPU time"));
+}
+
+// As where other programs take the processor: longer than its CPU time, with little of it.
+static int dawdle(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    poll(NULL, 0, 1500);
+    return PRT_OK;
+}
+
+static void waiting_is_no_work(void **state)
+{
+    struct prt_blob out;
+    assert_int_equal(run(dawdle, NULL, 1, &out), PRT_OK);
 }
 
 static char *volatile hoard; // or the compiler sees that nobody looks at the memory
@@ -443,6 +471,8 @@ int main(void)
         cmocka_unit_test(status_returns),
         cmocka_unit_test(crash_is_format),
         cmocka_unit_test(endless_is_limit),
+        cmocka_unit_test(work_without_end_is_limit),
+        cmocka_unit_test(waiting_is_no_work),
         cmocka_unit_test(memory_is_bounded),
         cmocka_unit_test(calls_are_denied),
         cmocka_unit_test(noise_is_hidden),

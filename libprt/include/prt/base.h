@@ -156,12 +156,14 @@ float prt_rng_f32(struct prt_rng *rng); /* [0,1) */
  * Thread-safe; blocks. Call it before threads hold locks fn needs. */
 #define PRT_ACCEPT_WEAK_SANDBOX "PRT_ACCEPT_WEAK_SANDBOX"
 enum { PRT_ISOLATE_INPUT_FD = 4 };
+#define PRT_ISOLATE_WALL \
+    6 /* a good file is read where others take most of the processor, too */
 struct prt_isolate_limits {
-    uint64_t memory_bytes;      /* address space beyond what the parent has; 0: 4 GiB */
-    double seconds;             /* CPU and wall; 0: 60 */
-    const char *folder;         /* files beneath it may be read; NULL: no file can be opened */
-    bool threads;               /* fn may start threads */
-    int input_fd;               /* the child finds it at PRT_ISOLATE_INPUT_FD; 0: none */
+    uint64_t memory_bytes; /* address space beyond what the parent has; 0: 4 GiB */
+    double seconds;        /* of CPU time, and PRT_ISOLATE_WALL times as many in all; 0: 60 */
+    const char *folder;    /* files beneath it may be read; NULL: no file can be opened */
+    bool threads;          /* fn may start threads */
+    int input_fd;          /* the child finds it at PRT_ISOLATE_INPUT_FD; 0: none */
     void (*prepare)(void *arg); /* in the child before it is confined, e.g. to load a library;
                                    must not touch untrusted bytes; may be NULL */
 };
