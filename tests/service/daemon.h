@@ -33,6 +33,13 @@ struct daemon {
     char tcp[64], http[64]; // "127.0.0.1:PORT", found in the log
 };
 
+/* Code under a sanitizer is several times slower: tests assert no speed there. */
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { INSTRUMENTED = 1 };
+#else
+enum { INSTRUMENTED = 0 };
+#endif
+
 static const char octahedron[] = "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n"
                                  "f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\n"
                                  "f 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n";
@@ -192,13 +199,15 @@ static inline void daemon_start(struct daemon *d, const char *const extra[])
     find_address(d, "listen address=http:", d->http, sizeof d->http);
 }
 
-// SIGTERM; the exit status, -1 when it did not end in 20 s, or -2 after a sanitizer's report.
+// SIGTERM; the exit status, -1 when it did not end in time, or -2 after a sanitizer's report.
+// Under a sanitizer the daemon may wait 20 s for running work and then looks for leaks.
 static inline int daemon_stop(struct daemon *d)
 {
+    const int most_ms = INSTRUMENTED ? 120000 : 20000;
     int how = 0;
     if (!d->pid) return 0;
     kill(d->pid, SIGTERM);
-    for (int i = 0; i < 1000; i++) {
+    for (int ms = 0; ms < most_ms; ms += 20) {
         if (waitpid(d->pid, &how, WNOHANG) == d->pid) {
             d->pid = 0;
             if (sanitizer_reports(d)) return -2;
@@ -249,13 +258,6 @@ static inline struct relight_client *client_open(const char *address)
         fail_msg("connect %s: %s", address, error.text);
     return client;
 }
-
-/* Code under a sanitizer is several times slower: tests assert no speed there. */
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-enum { INSTRUMENTED = 1 };
-#else
-enum { INSTRUMENTED = 0 };
-#endif
 
 #define OK(call)                                         \
     do {                                                 \
