@@ -94,8 +94,8 @@ static void list_read(struct room_task *task)
 void tokens_changed(struct rooms *rooms)
 {
     rooms->tokens_again = rooms->reading_tokens;
-    struct token_task *t =
-        rooms->reading_tokens ? NULL : new_task(rooms, ROOM_TASK_TEXT, list_read);
+    bool none = rooms->reading_tokens || rooms->stopping; // the store may be closed then
+    struct token_task *t = none ? NULL : new_task(rooms, ROOM_TASK_TEXT, list_read);
     if (!t) return;
     rooms->reading_tokens = true;
     submit(t);
