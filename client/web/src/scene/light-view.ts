@@ -55,6 +55,7 @@ export class LightView {
   private pace = new Pace(1);
   private level = 0; // of the newest state that was sent
   private setAtMs = -Infinity;
+  private movedAtMs = -Infinity; // when a state was sent last
   private follows = false; // the newest state came while the hand moved, or before the last one's frame
   private timer: ReturnType<typeof setTimeout> | undefined;
   private resting: ReturnType<typeof setTimeout> | undefined;
@@ -135,8 +136,11 @@ export class LightView {
     if (this.making || this.outstanding.length >= this.pace.outstanding) return;
     const make = this.next;
     if (!make || this.closed) return;
-    const moving = this.follows || this.outstanding.length > 0;
+    const now = performance.now();
+    const moving =
+      this.follows || this.outstanding.length > 0 || now - this.movedAtMs < REST_MS;
     if (!moving) this.pace.began();
+    this.movedAtMs = now;
     this.next = null;
     this.put(make, moving ? this.pace.level : 0, moving);
   }
