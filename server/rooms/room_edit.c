@@ -387,6 +387,12 @@ bool room_edit_repeated(struct request *request, const struct room *room)
     uint64_t sequence =
         room_done_before(room->state, in->client, request->conn->caller.name, in->number);
     if (!sequence) return false;
+    if (in->number < UINT64_MAX &&
+        room_done_before(room->state, in->client, request->conn->caller.name, in->number + 1)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
+                     "a later number of this client was done before it: use a new number");
+        return true;
+    }
     if (sequence > room->committed) {
         request->retry_ms = 20;
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BUSY, "it is being written just now");

@@ -799,6 +799,39 @@ static void a_decision_has_one_scene(void **unused)
     end();
 }
 
+// An edit that another of the same client has overtaken is not taken for a retry of that one.
+static void an_overtaken_edit_is_refused(void **unused)
+{
+    static const char client_id[] = "00112233445566cc";
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    char room[33], model[ID_SIZE];
+    load_preview(client, "2", model);
+    room_create(f, "quick", room);
+    show_model(f, room, model);
+    OK(relight_unload(client, model, RELIGHT_KEEP_BAKE, NULL, &error)); // it has to be opened
+    Relight__Decide decide = RELIGHT__DECIDE__INIT;
+    Relight__SaveRevision save = RELIGHT__SAVE_REVISION__INIT;
+    Relight__RoomAction slow = RELIGHT__ROOM_ACTION__INIT, quick = slow;
+    slow.decide = &decide;
+    quick.save = &save;
+    room_add_edit(f, 8, room, &slow, "Ann", client_id, 1);
+    room_add_edit(f, 9, room, &quick, "Ann", client_id, 2);
+    frames_send(f);
+    for (int i = 0; i < 2; i++) {
+        uint64_t from;
+        struct reply r;
+        assert_true(reply_next(f, 0, 20000, &r, &from));
+        assert_int_equal(r.code, from == 8 ? RELIGHT__ERROR_CODE__ERROR_MISMATCH : 0);
+        reply_free(&r);
+    }
+    relight_close(client);
+    frames_close(f);
+    end();
+}
+
 // A guest sees the models of the room's scene and of its revisions, and no other.
 static void a_guest_sees_the_rooms_models(void **unused)
 {
@@ -1232,6 +1265,7 @@ int main(void)
         cmocka_unit_test_teardown(guests, teardown),
         cmocka_unit_test_teardown(the_list_tells_roles, teardown),
         cmocka_unit_test_teardown(a_decision_has_one_scene, teardown),
+        cmocka_unit_test_teardown(an_overtaken_edit_is_refused, teardown),
         cmocka_unit_test_teardown(a_guest_sees_the_rooms_models, teardown),
         cmocka_unit_test_teardown(rooms_are_counted, teardown),
         cmocka_unit_test_teardown(refused_rooms_do_not_count, teardown),
