@@ -6,6 +6,7 @@ import { Icon, IconButton, LinkField } from "./controls";
 import { copyLink, linkToCopy } from "./copy";
 import { state as room } from "../room/here";
 import { explain, PageError } from "../protocol/errors";
+import { duration } from "./duration";
 import { FileInput } from "./file-input";
 import { LightPanel } from "./light-panel";
 import { MaterialPanel } from "./material-panel";
@@ -179,7 +180,7 @@ function Work() {
       </div>
     );
   if (progress) {
-    const left = progress.etaS > 0 ? `, ${Math.ceil(progress.etaS)} s left` : "";
+    const left = progress.etaS > 0 ? `, ${duration(progress.etaS)} left` : "";
     return (
       <div class="work" role="status">
         <p>
