@@ -431,6 +431,9 @@ static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_d
     sub_positions(gl, draw);
     for (uint32_t row = 0; !status && row < draw->height; row += band) {
         uint32_t rows = draw->height - row < band ? draw->height - row : band;
+        // other threads' pictures wait for this one: a large one ends when nobody wants it
+        status = row ? prt_progress(ctx, "visibility", (double)row / draw->height) : PRT_OK;
+        if (status) break;
         draw_samples(d, draw, &t, row, rows, plane, id);
         GLenum error = gl->GetError();
         if (error)

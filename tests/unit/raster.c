@@ -632,6 +632,36 @@ static void refused_size_is_forgotten(void **state)
     scene_finish(&s);
 }
 
+static int unwanted(void *user, const char *stage, double fraction, double eta_s)
+{
+    ++*(unsigned *)user;
+    assert_true(fraction > 0 && fraction < 1);
+    return 1;
+}
+
+// Nobody wants a large picture any more: it ends between its bands, and the driver draws on.
+static void large_picture_is_cancelled(void **state)
+{
+    struct scene s;
+    struct prt_camera c = front(50, 20);
+    unsigned n_asked = 0;
+    struct prt_context ctx = quiet;
+    ctx.progress = unwanted;
+    ctx.progress_user = &n_asked;
+    scene_init(&s, 4, 2);
+    add_square(&s, 10, 0, 0, true);
+    struct prt_visibility *vis = NULL;
+    struct prt_raster large = {4096, 3072, 1, PRT_RASTER_AUTO}; // three bands
+    assert_int_equal(prt_visibility_create(&ctx, &s.mesh, &c, &large, &vis), PRT_CANCELLED);
+    assert_null(vis);
+    assert_int_equal(n_asked, 1);
+    struct prt_raster small = {16, 16, 1, PRT_RASTER_AUTO};
+    assert_int_equal(prt_visibility_create(&ctx, &s.mesh, &c, &small, &vis), PRT_OK);
+    assert_int_equal(n_asked, 1);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
 // Plane k is weighted by Y_k of the refracted view direction.
 static void phase_planes_times_harmonics(void **state)
 {
@@ -1135,6 +1165,7 @@ int main(void)
         cmocka_unit_test(fresnel_at_normal_incidence),
         cmocka_unit_test(normals_that_cancel),
         cmocka_unit_test(refused_size_is_forgotten),
+        cmocka_unit_test(large_picture_is_cancelled),
         cmocka_unit_test(blocks_share_a_pixel),
         cmocka_unit_test(silhouettes_reflect_no_more),
         cmocka_unit_test(small_mirrors_are_steady),
