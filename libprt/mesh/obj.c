@@ -13,7 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_LIBRARIES = 64 }; // lines mtllib; chosen, not measured
+// Lines mtllib and bytes of all libraries; chosen, not measured.
+enum { MOST_LIBRARIES = 64, MOST_TEXT = 64 << 20 };
 
 struct list {
     float *x;
@@ -27,6 +28,7 @@ struct obj {
     struct list vn, vt;
     char library[MOST_LIBRARIES][256]; // of each line mtllib, once
     uint32_t n_library;
+    bool left_out;       // a further library
     uint32_t cap_corner; // of d->corner_uv
     struct obj_parts parts;
     bool uv_seam;
@@ -210,8 +212,11 @@ static void name_library(struct obj *o, const char *p)
     while (i < o->n_library && strcmp(o->library[i], line)) i++; // exporters repeat the line
     if (i < o->n_library) return;
     if (i == MOST_LIBRARIES) {
-        prt_log(o->d->ctx, PRT_LOG_WARNING, "%s: line %zu: more than %d mtllib; it is left out",
-                o->d->name, o->line, MOST_LIBRARIES);
+        if (!o->left_out)
+            prt_log(o->d->ctx, PRT_LOG_WARNING,
+                    "%s: line %zu: more than %d mtllib; the rest is left out", o->d->name,
+                    o->line, MOST_LIBRARIES);
+        o->left_out = true;
         return;
     }
     memcpy(o->library[o->n_library++], line, sizeof line);
@@ -260,7 +265,8 @@ static int append_library(const struct prt_draft *d, const struct prt_context *c
                           const char *file, struct prt_blob *text)
 {
     struct prt_blob more = {NULL, 0};
-    int status = prt_draft_file(d, ctx, "material", file, 64 << 20, &more);
+    const uint64_t room = text->size < MOST_TEXT ? MOST_TEXT - text->size : 1;
+    int status = prt_draft_file(d, ctx, "material", file, room, &more);
     if (status) return status;
     const size_t n = strlen(more.bytes);
     char *both = prt_alloc(text->size + n + 2, 1);

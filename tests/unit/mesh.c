@@ -666,6 +666,17 @@ static void obj_libraries_add_up(void **state)
     assert_null(strstr(lines, "a.mtl\"")); // none of the others
     assert_non_null(strstr(lines, "none of its libraries has material \"e\""));
     prt_mesh_destroy(m);
+    // one warning is for all lines beyond 64
+    char *many = malloc(10000);
+    size_t n = (size_t)sprintf(many, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    for (int i = 0; i < 80; i++) n += (size_t)sprintf(many + n, "mtllib %d.mtl\n", i);
+    ctx = context();
+    assert_int_equal(prt_mesh_load_memory(&ctx, "m.obj", many, n, folder, NULL, &m), PRT_OK);
+    const char *said = strstr(lines, "more than 64 mtllib");
+    assert_non_null(said);
+    assert_null(strstr(said + 1, "more than 64 mtllib"));
+    prt_mesh_destroy(m);
+    free(many);
     snprintf(clean, sizeof clean, "rm -r '%s'", folder);
     assert_int_equal(system(clean), 0);
 }
