@@ -64,7 +64,7 @@ static void remove_matching(const char *folder, const char *const *patterns)
     if (dir) closedir(dir);
 }
 
-// What the room does not have any more (a change that was undone, a pin that was erased, a
+// What the room no longer has (a change that was undone, a pin that was erased, a
 // material that was rejected) would be taken for a part of this export.
 static void remove_earlier(struct room_call *c)
 {

@@ -38,26 +38,8 @@ PRT_INLINE const int16_t *add_units(const struct column_part *part, uint32_t beg
     return entry;
 }
 
-void prt_columns_avx512(const struct column_part *part, size_t n, size_t stride, float *sum)
-{
-#define CASE(n_light)                                                  \
-    case n_light:                                                      \
-        entry = add_units(part, k, stop, entry, n_light, stride, sum); \
-        break;
-    for (const struct column_part *end = part + n; part < end; part++) {
-        const int16_t *entry = part->entry;
-        uint32_t k = 0;
-        // fewer and fewer lights
-        for (unsigned l = part->n_light; l; l--) {
-            const uint32_t stop = part->n[l - 1];
-            switch (l) {
-                CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6) CASE(7) CASE(8)
-            }
-            k = stop;
-        }
-    }
-#undef CASE
-}
+#define COLUMNS_NAME prt_columns_avx512
+#include "columns_each.h"
 
 PRT_ISA_END
 #endif

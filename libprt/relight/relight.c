@@ -272,7 +272,7 @@ static int by_columns(const struct prt_context *ctx, unsigned n_light,
 }
 
 // out[light][row][..], or out[row][light][..] when `together`. most_rank: 0: all rows; others
-// than the first most_rank of a cluster are left as they are.
+// than the first most_rank of a cluster are not to be read.
 static int contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
                     unsigned n_light, const struct prt_light *const light[], bool together,
                     uint32_t most_rank, float *out)

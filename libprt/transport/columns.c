@@ -23,7 +23,6 @@ struct unit {
 };
 
 struct making {
-    const struct prt_context *ctx;
     const struct prt_tensor *tensor;
     struct prt_columns *columns;
     uint32_t n_plane;
@@ -371,7 +370,6 @@ int prt_columns_make(const struct prt_context *ctx, const struct prt_tensor *ten
         return prt_fail(ctx, PRT_ARG, "only factored rows of pairs or halves have columns");
     float *length = prt_alloc(rows->n_row + 1ull, sizeof *length);
     struct making m = {
-        .ctx = ctx,
         .tensor = tensor,
         .n = 1,
         .n_plane = rows->n_function / 3,

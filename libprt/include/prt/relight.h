@@ -136,8 +136,8 @@ int prt_contracted_transport_create(const struct prt_context *ctx,
                                     struct prt_contracted_transport **out);
 void prt_contracted_transport_destroy(
     struct prt_contracted_transport *fixed); /* NULL: nothing */
-/* Makes the columns (prt/columns.h) of its folded rows: a light then takes a third of the time
- * or less. Takes some tenths of a second; no other thread may use `fixed` meanwhile. PRT_NOMEM:
+/* Makes the columns (prt/columns.h) of its folded rows: a light then takes less time.
+ * Takes some tenths of a second; no other thread may use `fixed` meanwhile. PRT_NOMEM:
  * it keeps those that were made. */
 int prt_contracted_transport_columns(const struct prt_context *ctx,
                                      struct prt_contracted_transport *fixed);

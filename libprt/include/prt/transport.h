@@ -207,9 +207,9 @@ int prt_file_open_memory(const struct prt_context *ctx, const char *name, const 
                          size_t n, enum prt_file_check check, struct prt_file **out);
 const struct prt_transport *prt_file_transport(const struct prt_file *file);
 /* Makes the columns (prt/columns.h) of every tensor that can have them, with which contractions
- * of single lights take a third of the time or less. They belong to the file. Blocks; other
- * threads may relight with the file meanwhile, one may make columns. PRT_NOMEM: the tensors
- * keep those that were made. */
+ * of single lights take a fifth to two thirds of the time (METHODS §3.4). They belong to the
+ * file. Blocks; other threads may relight with the file meanwhile, one may make columns.
+ * PRT_NOMEM: the tensors keep those that were made. */
 int prt_file_columns(const struct prt_context *ctx, struct prt_file *file);
 /* Bytes of the file and of its columns. */
 uint64_t prt_file_memory(const struct prt_file *file);
