@@ -115,9 +115,9 @@ static void orbits_look_at_the_centre(void **state)
 
 static void texts_of_orbits(void **state)
 {
-    static const char *const wrong[] = {"",      "30",       "30,",   "30,15,", "30,15,0",
-                                        "0,91",  "0,0,1000", "nan,0", "a,b",    "1,2,3,4",
-                                        "1e9,0", "30,15 ",   "30;15", "0,0,inf"};
+    static const char *const wrong[] = {"",       "30",       "30,",    "30,15,", "30,15,0",
+                                        "0,91",   "0,0,1000", "nan,0",  "a,b",    "1,2,3,4",
+                                        "1,2,3,", "1e9,0",    "30,15 ", "30;15",  "0,0,inf"};
     struct prt_context ctx = context();
     struct prt_orbit o;
     assert_int_equal(prt_orbit_parse(&ctx, "-30.5,15,2", &o), PRT_OK);
@@ -198,6 +198,7 @@ static void targets_are_as_deep_as_the_model(void **state)
         float front, second; // z of the first camera's target, x of the second one's
     } row[] = {{"{\"mesh\":0,\"translation\":[0,0,-5]}", -5, 0},
                {"{\"mesh\":0,\"translation\":[4,0,2]}", 2, 4},
+               {"{\"mesh\":0,\"translation\":[0,0,8.995]}", 9 - 2.8284271f, 0}, // all but at it
                {"{\"mesh\":0,\"translation\":[0,0,20]}", 9 - 2.8284271f, 0}};
     static const char gltf[] = GLTF, plain[] = "{\"mesh\":0}";
     const char *const at = strstr(gltf, plain);
@@ -210,6 +211,23 @@ static void targets_are_as_deep_as_the_model(void **state)
         expect_vector(m->camera[1].target, row[i].second, 0, 0);
         prt_mesh_destroy(m);
     }
+}
+
+// A node's scale changes no camera's direction; letters beyond ASCII stay in its name.
+static void scaled_nodes_and_their_names(void **state)
+{
+    static const char gltf[] = GLTF, plain[] = "\"name\":\"Front\",\"camera\":0,";
+    const char *const at = strstr(gltf, plain);
+    char text[4096];
+    snprintf(text, sizeof text, "%.*s%s%s", (int)(at - gltf), gltf,
+             "\"name\":\"T\u00fcr\\u007f, \u4e2d\",\"camera\":0,\"scale\":[3,3,3],",
+             at + strlen(plain));
+    struct prt_mesh *m = load(text, false);
+    assert_string_equal(m->camera[0].name, "T\u00fcr   \u4e2d");
+    expect_vector(m->camera[0].eye, 0, 0, 9);
+    expect_vector(m->camera[0].target, 0, 0, 0);
+    expect_vector(m->camera[0].up, 0, 1, 0);
+    prt_mesh_destroy(m);
 }
 
 static void a_file_with_z_up_is_turned(void **state)
@@ -246,6 +264,61 @@ static void names(void **state)
     assert_int_equal(strlen(tiny), 3);
 }
 
+// Of equal names the one whose case is right; every longer list ends after eight names.
+static void names_of_either_case_and_many(void **state)
+{
+    static const char *const twice[] = {"Front", "front", "frontal"};
+    static const char *const many[] = {"a0", "a1", "a2", "a3", "a4",
+                                       "a5", "a6", "a7", "a8", "a9"};
+    char say[200];
+    assert_int_equal(prt_name_choose("front", twice, 3, say, sizeof say), 1);
+    assert_int_equal(prt_name_choose("FRONT", twice, 3, say, sizeof say), 0);
+    assert_int_equal(prt_name_choose("A", many, 10, say, sizeof say), -1);
+    assert_string_equal(say, "it begins several names: a0, a1, a2, a3, a4, a5, a6, a7");
+    assert_int_equal(prt_name_choose("", twice, 3, say, sizeof say), -1);
+    assert_string_equal(say, ""); // a beginning of all, and of none that could be meant
+}
+
+// Levenshtein's distance of a's first n and b's first m characters, by its definition.
+static unsigned distance(const char *a, size_t n, const char *b, size_t m)
+{
+    if (!n || !m) return (unsigned)(n + m);
+    const unsigned change = distance(a, n - 1, b, m - 1) + (a[n - 1] != b[m - 1]);
+    const unsigned less = distance(a, n - 1, b, m) + 1, more = distance(a, n, b, m - 1) + 1;
+    const unsigned best = change < less ? change : less;
+    return best < more ? best : more;
+}
+
+// Contract of prt_name_nearest: the first of the nearest names, with or without its ending; a
+// third of the text's letters and one more may be wrong.
+static void the_nearest_name(void **state)
+{
+    unsigned seed = 1, none = 0;
+    for (int turn = 0; turn < 4000; turn++) {
+        char word[4][7] = {{0}};
+        for (int i = 0; i < 4; i++) {
+            const unsigned n = (seed = seed * 1103515245 + 12345) >> 16 & 3;
+            for (unsigned k = 0; k < n + 3; k++)
+                word[i][k] = "abc.d"[((seed = seed * 1103515245 + 12345) >> 16) % (i ? 5 : 3)];
+        }
+        const char *name[3] = {word[1], word[2], word[3]};
+        const size_t n = strlen(word[0]);
+        unsigned most = (unsigned)n / 3 + 1;
+        int want = -1;
+        for (int i = 0; i < 3; i++) {
+            const char *dot = strrchr(name[i], '.');
+            unsigned d = distance(word[0], n, name[i], strlen(name[i]));
+            const unsigned stem =
+                dot ? distance(word[0], n, name[i], (size_t)(dot - name[i])) : d;
+            if (stem < d) d = stem;
+            if (d < most + (want < 0)) want = i, most = d;
+        }
+        none += want < 0;
+        assert_int_equal(prt_name_nearest(word[0], name, 3), want);
+    }
+    assert_in_range(none, 40, 3900);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -253,8 +326,11 @@ int main(void)
         cmocka_unit_test(texts_of_orbits),
         cmocka_unit_test(the_files_own_cameras),
         cmocka_unit_test(targets_are_as_deep_as_the_model),
+        cmocka_unit_test(scaled_nodes_and_their_names),
         cmocka_unit_test(a_file_with_z_up_is_turned),
         cmocka_unit_test(names),
+        cmocka_unit_test(names_of_either_case_and_many),
+        cmocka_unit_test(the_nearest_name),
     };
     return run_test_group(tests, NULL, NULL);
 }
