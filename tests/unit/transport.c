@@ -838,6 +838,41 @@ static void pages_of_closed_files_are_used_again(void **state)
     prt_pages_give(pages, MIB);
 }
 
+// Whether the page at an address is mapped.
+static bool is_mapped(char *page)
+{
+    unsigned char resident;
+    return mincore(page, 1, &resident) == 0;
+}
+
+// Contract of prt_file_keep_pages: up to so many bytes, in whole pages; of those kept the
+// smallest that suffice are taken, and what is left of them is returned to the system.
+static void the_smallest_pages_that_suffice(void **state)
+{
+    enum { KIB = 1 << 10, PAGE = 4 * KIB };
+    prt_file_keep_pages(64 * PAGE);
+    char *most = given(64 * PAGE - 5), *pages = prt_pages_take(64 * PAGE - 5);
+    assert_ptr_equal(pages, most); // the limit itself, of an odd size
+    assert_int_equal(pages[0], 1);
+    prt_pages_give(pages, 64 * PAGE - 5);
+    pages = prt_pages_take(3 * PAGE);
+    assert_ptr_equal(pages, most);
+    assert_true(is_mapped(pages + 2 * PAGE));
+    assert_false(is_mapped(pages + 3 * PAGE));
+    assert_false(is_mapped(pages + 63 * PAGE));
+    char *other[3];
+    static const size_t size[3] = {30 * PAGE, 10 * PAGE, 20 * PAGE};
+    for (int i = 0; i < 3; i++) memset(other[i] = prt_pages_take(size[i]), 1, size[i]);
+    for (int i = 0; i < 3; i++) prt_pages_give(other[i], size[i]);
+    prt_pages_give(pages, 3 * PAGE);
+    pages = prt_pages_take(9 * PAGE);
+    assert_ptr_equal(pages, other[1]);
+    assert_int_equal(pages[0], 1);
+    prt_pages_give(pages, 9 * PAGE);
+    prt_file_keep_pages(0);
+    for (int i = 0; i < 3; i++) assert_false(is_mapped(other[i]));
+}
+
 // A file that takes the pages of another is read as from fresh ones.
 static void nothing_of_the_last_file_is_left(void **state)
 {
@@ -1033,6 +1068,7 @@ int main(void)
         cmocka_unit_test(a_lost_page_is_noticed),
         cmocka_unit_test(a_file_that_shrinks_is_no_end),
         cmocka_unit_test(pages_of_closed_files_are_used_again),
+        cmocka_unit_test(the_smallest_pages_that_suffice),
         cmocka_unit_test(nothing_of_the_last_file_is_left),
         cmocka_unit_test(failed_writes_leave_nothing),
         cmocka_unit_test(pairs_keep_their_rows),
