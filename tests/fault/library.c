@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "prt/bake.h"
+#include "prt/light.h"
 #include "prt/mesh.h"
 #include "prt/radial.h"
 
@@ -109,6 +110,26 @@ static void radial_bases(void **state)
     each_allocation_fails(polynomial);
 }
 
+// A light's cube and its vector: what is refused is empty.
+static int light_of_a_cube(const struct prt_context *ctx)
+{
+    struct prt_cube cube;
+    struct prt_light light;
+    int status = prt_cube_init(&cube, 16);
+    assert_true(status ? !cube.n && !cube.texel : cube.n == 16 && cube.texel);
+    if (status) return status;
+    status = prt_light_from_cube(&cube, &light);
+    assert_true(status ? !light.n && !light.coef : light.n == 16 && light.coef);
+    prt_light_finish(&light);
+    prt_cube_finish(&cube);
+    return status;
+}
+
+static void lights(void **state)
+{
+    each_allocation_fails(light_of_a_cube);
+}
+
 // The walks of a free medium are kept in lists that grow with their exits.
 static int bake_walks(const struct prt_context *ctx, const struct prt_mesh *mesh)
 {
@@ -159,7 +180,7 @@ static void growing_lists(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(radial_bases),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(radial_bases), cmocka_unit_test(lights),
                                        cmocka_unit_test(growing_lists)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
