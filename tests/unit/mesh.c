@@ -268,6 +268,80 @@ static void modes_give_triangles(void **state)
     }
 }
 
+// An accessor lies in its view as a whole, wherever in it it begins.
+static void accessors_end_in_their_view(void **state)
+{
+    static const struct {
+        const char *view, *accessor, *why; // NULL: it is read
+    } row[] = {{"", "", NULL},
+               {",\"byteStride\":16", "", NULL},
+               {"", ",\"byteOffset\":12", NULL},
+               {",\"byteStride\":20", "", NULL},
+               {",\"byteStride\":24", "", "reads 8 bytes past bufferView 0"},
+               {"", ",\"byteOffset\":28", "reads 12 bytes past bufferView 0"},
+               {"", ",\"byteOffset\":52", "reads 36 bytes past bufferView 0"},
+               {"", ",\"byteOffset\":56", "reads 40 bytes past bufferView 0"},
+               {",\"byteStride\":16", ",\"byteOffset\":12", "reads 4 bytes past bufferView 0"},
+               {",\"byteStride\":8", "", "stride 8 is less than an element"}};
+    const float p[26] = {0, 0, 0, 1, 0, 0, 2, 3, 0, 0, 4, 0, 5};
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        char rest[800];
+        struct prt_mesh *m = NULL;
+        snprintf(rest, sizeof rest,
+                 "\"bufferViews\":[{\"buffer\":0,\"byteLength\":52%s}],\"accessors\":[{"
+                 "\"bufferView\":0%s,\"componentType\":5126,\"count\":3,\"type\":"
+                 "\"VEC3\"}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],"
+                 "\"nodes\":[{\"mesh\":0}]",
+                 row[i].view, row[i].accessor);
+        const int status = load_text(gltf(p, sizeof p, rest), NULL, &m);
+        if (!row[i].why) {
+            if (status) fail_msg("%zu: %s", i, lines);
+            prt_mesh_destroy(m);
+        } else if (status != PRT_FORMAT || !strstr(lines, row[i].why)) {
+            fail_msg("%zu: '%s', not '%s'", i, lines, row[i].why);
+        }
+    }
+}
+
+// What is left of a primitive beyond its last whole triangle is told, once a primitive.
+static void incomplete_triangles_are_counted(void **state)
+{
+    struct {
+        float p[6][3];
+        uint8_t index[6];
+    } s = {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}},
+           {0, 1, 2, 3, 4, 5}};
+    static const struct {
+        int mode, n, n_triangle;
+    } row[] = {{4, 5, 1}, {4, 2, 0}, {4, 1, 0}, {5, 2, 0}, {5, 1, 0}, {6, 2, 0},
+               {6, 1, 0}, {4, 4, 1}, {4, 3, 1}, {5, 4, 2}, {6, 5, 3}};
+    enum { N_ROW = sizeof row / sizeof *row, N_INCOMPLETE = 8 };
+    char rest[4096], *at = rest;
+    int want = 0;
+    at += sprintf(at, "\"bufferViews\":[{\"buffer\":0,\"byteLength\":72},{\"buffer\":0,"
+                      "\"byteOffset\":72,\"byteLength\":6}],\"accessors\":[{\"bufferView\":0,"
+                      "\"componentType\":5126,\"count\":6,\"type\":\"VEC3\"}");
+    for (int n = 1; n <= 6; n++)
+        at += sprintf(at,
+                      ",{\"bufferView\":1,\"componentType\":5121,\"count\":%d,"
+                      "\"type\":\"SCALAR\"}",
+                      n);
+    at += sprintf(at, "],\"meshes\":[{\"primitives\":[");
+    for (int i = 0; i < N_ROW; i++) {
+        at += sprintf(at, "%s{\"attributes\":{\"POSITION\":0},\"mode\":%d,\"indices\":%d}",
+                      i ? "," : "", row[i].mode, row[i].n);
+        want += row[i].n_triangle;
+    }
+    sprintf(at, "]}],\"nodes\":[{\"mesh\":0}]");
+    struct prt_mesh *m = must_load(gltf(&s, sizeof s, rest));
+    char line[80];
+    snprintf(line, sizeof line, "the last triangle of %d primitives is incomplete",
+             N_INCOMPLETE);
+    assert_non_null(strstr(lines, line));
+    assert_int_equal(m->n_triangle, want);
+    prt_mesh_destroy(m);
+}
+
 static void sparse_and_normalised(void **state)
 {
     // i16 normalised positions, strided by 8; vertex 2 replaced by a sparse value
@@ -1109,6 +1183,8 @@ int main(void)
         cmocka_unit_test(opposite_windings_are_told),
         cmocka_unit_test(mirrored_normals_point_out),
         cmocka_unit_test(modes_give_triangles),
+        cmocka_unit_test(accessors_end_in_their_view),
+        cmocka_unit_test(incomplete_triangles_are_counted),
         cmocka_unit_test(sparse_and_normalised),
         cmocka_unit_test(accessors_without_a_view_are_zero),
         cmocka_unit_test(bytes_are_normalised),
