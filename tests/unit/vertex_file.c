@@ -195,6 +195,18 @@ static void a_glb_has_a_mesh_for_each_object(void **state)
     assert_int_equal(item(second, 1, "mode"), 0);
     assert_int_equal(cJSON_GetArraySize(accessors), 3 + 3 + 2);
     assert_int_equal(item(accessors, 3, "byteOffset"), 36);
+    // glTF 2.0: 5126 floats in threes of a stride, 5125 whole numbers for indices.
+    const cJSON *views = cJSON_GetObjectItem(json, "bufferViews");
+    for (int i = 0; i < 3 + 3 + 2; i++) {
+        const cJSON *a = cJSON_GetArrayItem(accessors, i),
+                    *type = cJSON_GetObjectItem(a, "type");
+        const bool whole = i == 2 || i == 5;
+        const int view = (int)item(accessors, i, "bufferView");
+        assert_int_equal(item(accessors, i, "componentType"), whole ? 5125 : 5126);
+        assert_string_equal(cJSON_GetStringValue(type), whole ? "SCALAR" : "VEC3");
+        assert_int_equal(item(views, view, "target"), whole ? 34963 : 34962);
+        if (!whole) assert_int_equal(item(views, view, "byteStride"), 12);
+    }
     const cJSON *max = cJSON_GetObjectItem(cJSON_GetArrayItem(accessors, 3), "max");
     assert_float_equal(cJSON_GetArrayItem(max, 0)->valuedouble, 4, 0);
     memcpy(index, bytes + n - sizeof index, sizeof index);
