@@ -131,11 +131,59 @@ static void a_crease_keeps_its_factor(void **state)
     expect_below("error of the worst vertex", worst, 0.04);
 }
 
+// Law: the likeness of two vertices of a cluster is exp(-d^2 / (2 l^2) - (1 - n . n') / 4),
+// with l in diagonals of the cluster's box (METHODS §9).
+static void likeness_of_places(void **state)
+{
+    enum { N = 5, N_MESH = 8, FIRST = 2 };
+    static const float length[LIKENESSES] = {0.5f, 0.25f, 1, 0.5f, 0.5f, 0.12f};
+    float position[N_MESH][3], normal[N_MESH][3];
+    uint32_t order[N_MESH] = {1, 0, 7, 3, 5, 2, 6, 4};
+    struct prt_cluster cluster[2] = {{.vertex_begin = 0, .n_vertex = FIRST},
+                                     {.vertex_begin = FIRST, .n_vertex = N}};
+    struct clusters clusters = {.n_cluster = 2, .cluster = cluster, .order = order};
+    struct prt_mesh mesh = {.n_vertex = N_MESH, .position = position, .normal = normal};
+    const struct bake b = {.mesh = &mesh, .clusters = &clusters};
+    for (int v = 0; v < N_MESH; v++)
+        for (int k = 0; k < 3; k++) {
+            position[v][k] = (float)((v * 7 + k * 5) % 11) + (float)(v < FIRST) * 100;
+            normal[v][k] = (float)(k == v % 3);
+        }
+    position[6][1] = -20; // the last of the cluster, and the farthest
+    float *likeness = prt_walk_likeness(&b, 1);
+    assert_non_null(likeness);
+    double diagonal2 = 0, worst = 0;
+    for (int k = 0; k < 3; k++) {
+        float low = INFINITY, high = -INFINITY;
+        for (int v = 0; v < N; v++) {
+            low = fminf(low, position[order[FIRST + v]][k]);
+            high = fmaxf(high, position[order[FIRST + v]][k]);
+        }
+        diagonal2 += (double)((high - low) * (high - low));
+    }
+    for (int i = 0; i < LIKENESSES; i++)
+        for (int v = 0; v < N; v++)
+            for (int w = 0; w < N; w++) {
+                const uint32_t p = order[FIRST + v], q = order[FIRST + w];
+                double d2 = 0, cosine = 0;
+                for (int k = 0; k < 3; k++) {
+                    d2 += pow((double)position[p][k] - (double)position[q][k], 2);
+                    cosine += (double)(normal[p][k] * normal[q][k]);
+                }
+                const double l = (double)length[i];
+                const double want = exp(-d2 / (2 * l * l * diagonal2) - (1 - cosine) / 4);
+                worst = fmax(worst, fabs((double)likeness[(i * N + v) * N + w] - want));
+            }
+    expect_below("error of a likeness", worst, 9e-8);
+    prt_free(likeness);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(noise_is_taken_out),
         cmocka_unit_test(a_crease_keeps_its_factor),
+        cmocka_unit_test(likeness_of_places),
     };
     return run_physics_tests(tests, NULL, NULL);
 }
