@@ -16,7 +16,7 @@
 #include "bake/stages.h"
 #include "bake/support.h"
 
-enum { N = 16, N_COEF = 6 * N * N, V = 48, J = 6, SPAN = 3, PROBES = 64 };
+enum { N = 16, N_COEF = 6 * N * N, V = 48, J = 22, SPAN = 3, PROBES = 64 };
 
 static struct prt_context context;
 
@@ -182,6 +182,10 @@ static void rows_keep_what_they_are_made_of(void **state)
         expect_below("energy after the last column over that allowed",
                      f.tail[f.rank] / (plan.tail_error * plan.tail_error * f.tail[0]), 1);
         assert_int_equal(prt_pack_factored(&context, &clusters, &f, J, N, &o, &t), PRT_OK);
+        for (uint32_t r = 0; r < t.rows.n_row; r++) // no byte lies between two rows' values
+            assert_int_equal(t.rows.value_begin[r + 1] - t.rows.value_begin[r],
+                             (t.rows.begin[r + 1] - t.rows.begin[r]) *
+                                 (t.rows.direction[r + 1] - t.rows.direction[r]));
         double error = error_of(&t, rows, omega, &twice);
         printf("%s: rank %u, %llu entries, %u of them twice, %.5f lost\n",
                way ? "directions alone" : "every function", t.cluster[0].rank,
