@@ -596,6 +596,26 @@ static void names_of_files_with_a_hash(void **state)
     assert_int_equal(rmdir(folder), 0);
 }
 
+// Law: pbrt's named media are those that NSJ06 measured. Sums of each column of the table, a
+// row weighing its number, show a slip of any digit.
+static void measured_media(void **state)
+{
+    static const double want[9] = {-3882.138721502621, -3848.723562995132, -3969.174451429120,
+                                   -1908.426320149223, -1497.795642205957, -1227.619068741808,
+                                   564.4700019955635,  525.9889984726906,  495.8489972949028};
+    double sum[9] = {0};
+    const struct prt_material *m;
+    unsigned n = 0;
+    for (; (m = prt_material_named_medium(n)); n++)
+        for (int c = 0; c < 3; c++) {
+            sum[c] += (n + 1) * log((double)m->sigma_s_prime[c]);
+            sum[3 + c] += (n + 1) * log((double)m->sigma_a[c]);
+            sum[6 + c] += (n + 1) * (double)m->g[c];
+        }
+    assert_int_equal(n, 35);
+    for (int c = 0; c < 9; c++) expect_near("sum of a column", sum[c], want[c], 1e-11);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -613,6 +633,7 @@ int main(void)
         cmocka_unit_test(twenty_materials),
         cmocka_unit_test(limits_keep_the_albedo),
         cmocka_unit_test(names_of_files_with_a_hash),
+        cmocka_unit_test(measured_media),
     };
     return run_physics_tests(tests, set_up, NULL);
 }
