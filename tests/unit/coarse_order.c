@@ -87,6 +87,71 @@ static void half_of_the_vertices_make_the_others(void **state)
     synthetic_mesh_finish(&m);
 }
 
+static double distance2(const float a[3], const float b[3])
+{
+    double sum = 0;
+    for (int k = 0; k < 3; k++) sum += pow((double)a[k] - (double)b[k], 2);
+    return sum;
+}
+
+static bool neighbours(uint32_t a, uint32_t b)
+{
+    // of one sheet, along an edge or the diagonal of a cell
+    const int x = (int)(b % SIDE) - (int)(a % SIDE), y = (int)(b / SIDE) - (int)(a / SIDE);
+    return a / N == b / N && a != b && abs(x) <= 1 && abs(y) <= 1 && x * y <= 0;
+}
+
+// Each vertex in turn takes its nearest neighbour that is still free along; such a one lies
+// nearest to the middle between its taker and another neighbour that stays.
+static void the_nearest_are_taken(void **state)
+{
+    static uint32_t taker[2 * N];
+    struct prt_context ctx;
+    struct prt_coarse_order o;
+    struct prt_mesh m;
+    prt_context_init(&ctx);
+    make_sheets(&m);
+    for (uint32_t v = 0; v < 2 * N; v++)
+        for (uint32_t k = 0; k < 3; k++)
+            m.position[v][k] += (float)((v * 2654435761u + k * 97) >> 7 & 255) / 600;
+    assert_int_equal(prt_coarse_order_create(&ctx, &m, &o), 0);
+    uint32_t first = o.n - 1, n = 0; // of those that left first, in the file's order
+    while (o.vertex[first - 1] < o.vertex[first]) first--;
+    memset(taker, 0xff, sizeof taker);
+    for (uint32_t v = 0; v < 2 * N; v++) {
+        uint32_t best = UINT32_MAX;
+        if (taker[v] != UINT32_MAX) continue;
+        taker[v] = v;
+        for (uint32_t u = v > SIDE ? v - SIDE - 1 : 0; u < 2 * N && u <= v + SIDE + 1; u++)
+            if (neighbours(v, u) && taker[u] == UINT32_MAX &&
+                (best == UINT32_MAX || distance2(m.position[u], m.position[v]) <
+                                           distance2(m.position[best], m.position[v])))
+                best = u;
+        if (best != UINT32_MAX) taker[best] = v, n++;
+    }
+    assert_int_equal(o.n - first, n);
+    for (uint32_t i = first; i < o.n; i++) {
+        const uint32_t v = o.vertex[i], a = o.vertex[o.parent[i][0]];
+        const uint32_t b = o.vertex[o.parent[i][1]];
+        double least = INFINITY, got = 0;
+        assert_int_equal(a, taker[v]);
+        for (uint32_t u = v > SIDE ? v - SIDE - 1 : 0; u < 2 * N && u <= v + SIDE + 1; u++) {
+            double d = 0;
+            if (!neighbours(v, u) || taker[u] != u) continue;
+            for (int k = 0; k < 3; k++)
+                d += pow((double)(m.position[u][k] + m.position[a][k]) / 2 -
+                             (double)m.position[v][k],
+                         2);
+            least = fmin(least, d);
+            if (u == b) got = d;
+        }
+        assert_true(neighbours(v, b));
+        assert_float_equal(got, least, 1e-5);
+    }
+    prt_coarse_order_finish(&o);
+    synthetic_mesh_finish(&m);
+}
+
 static void a_mesh_without_triangles_has_roots_alone(void **state)
 {
     struct prt_context ctx;
@@ -150,6 +215,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parents_come_first_and_are_near),
         cmocka_unit_test(half_of_the_vertices_make_the_others),
+        cmocka_unit_test(the_nearest_are_taken),
         cmocka_unit_test(a_mesh_without_triangles_has_roots_alone),
         cmocka_unit_test(late_frames_make_the_next_coarser),
         cmocka_unit_test(prompt_frames_make_the_next_finer),
