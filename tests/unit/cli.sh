@@ -366,6 +366,16 @@ expect 2 'multiple or total' "$prt" image ball.prt --engine splat --env constant
 expect 1 'has 64x48 pixels' "$prt" compare i.exr "$(expect 0 '' "$prt" image ball.prt --env constant --size 32x24 -o small.exr; echo small.exr)"
 expect 1 'picture' "$prt" compare i.exr m.csv
 
+# A folder that cannot be written is told before the model is read; root writes everywhere.
+mkdir closed && chmod 555 closed && chmod 755 .
+as=
+[ "$(id -u)" != 0 ] || as="setpriv --reuid=65534 --clear-groups"
+# shellcheck disable=SC2086 # words
+if $as "$prt" --version >out 2>err; then # not where another user cannot reach the program
+    expect 1 'closed/x.prt: Permission denied' $as "$prt" bake missing.obj $scaled -o closed/x.prt
+    expect 1 'missing.obj' $as "$prt" bake missing.obj $scaled -o /tmp/x.prt
+fi
+
 # env: both ways, power kept.
 expect 0 'power' sh -c "'$prt' env constant:2,1,0.5 -o cube.exr --size 32 >&2"
 expect 0 '' "$prt" env cube.exr -o flat.exr --size 64x32 --json
