@@ -766,6 +766,37 @@ static void hdr_variants(void **state)
     prt_image_finish(&im);
 }
 
+// A header that is broken is told as what it is.
+static void hdr_headers_that_are_refused(void **state)
+{
+    static const struct {
+        const char *lines, *size, *why; // why NULL: it is read
+        int status;
+    } row[] = {
+        {"FORMAT=32-bit_rle_rgbe\n\n", "-Y 1 +X 1", NULL, PRT_OK},
+        {"EXPOSURE=2\n\n", "+X 1 -Y 1", NULL, PRT_OK},
+        {"FORMAT=32-bit_rle\n\n", "-Y 1 +X 1", "unknown format \"32-bit_rle\"", PRT_FORMAT},
+        {"EXPOSURE=0\n\n", "-Y 1 +X 1", "EXPOSURE must be a positive number", PRT_FORMAT},
+        {"EXPOSURE=much\n\n", "-Y 1 +X 1", "EXPOSURE must be a positive number", PRT_FORMAT},
+        {"EXPOSURE=1e21\n\n", "-Y 1 +X 1", "EXPOSURE must be a positive number", PRT_FORMAT},
+        {"\n", "-Y 1 +Y 1", "no valid resolution line", PRT_FORMAT},
+        {"\n", "-Y 0 +X 1", "no valid resolution line", PRT_FORMAT},
+        {"\n", "-Y 1 *X 1", "no valid resolution line", PRT_FORMAT},
+        {"\n", "-Y 1", "no valid resolution line", PRT_FORMAT},
+        {"\n", "-Y 1 +X 99999999", "above the limit", PRT_LIMIT},
+        {"", "", "no empty line at its end", PRT_FORMAT}};
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        char file[200];
+        struct prt_image im;
+        const int n = snprintf(file, sizeof file, "#?RADIANCE\n%s%s%sabcd", row[i].lines,
+                               row[i].size, *row[i].size ? "\n" : "");
+        const int status = prt_image_load_memory(&ctx, "h.hdr", file, (size_t)n, &im);
+        if (status != row[i].status || (row[i].why && !strstr(last_line, row[i].why)))
+            fail_msg("%zu: %d, %s", i, status, last_line);
+        if (!status) prt_image_finish(&im);
+    }
+}
+
 // Strips are encoded by several threads: the picture is that of one encoder, coefficient by
 // coefficient, whatever the height, the sampling and the threads.
 static void jpeg_in_strips_is_one_picture(void **state)
@@ -861,6 +892,7 @@ int main(void)
         cmocka_unit_test(pixels_are_mended),
         cmocka_unit_test(values_of_mended_pixels),
         cmocka_unit_test(hdr_variants),
+        cmocka_unit_test(hdr_headers_that_are_refused),
         cmocka_unit_test(rgbe_rounds_to_nearest),
     };
     return run_test_group(tests, setup, NULL);
