@@ -407,6 +407,32 @@ static void camera_sliders(void **state)
     }
 }
 
+// A quarter turn about the target and its up leaves the height and the distance, wherever the
+// target is: with up along y, (x, z) from it becomes (z, -x).
+static void camera_turns_about_its_target(void **state)
+{
+    cJSON *scene = cJSON_Parse("{\"camera\": {\"eye\": {\"x\": 3, \"y\": 2, \"z\": 5}, "
+                               "\"target\": {\"x\": 1, \"y\": -4, \"z\": 2}}}");
+    cJSON *base = cJSON_Duplicate(scene, 1), *parts = cJSON_CreateArray();
+    struct change c = {0};
+    c.delta[TARGET_CAMERA_AZIMUTH] = 90;
+    assert_true(scene_change(scene, base, &c, -1, parts));
+    const cJSON *camera = cJSON_GetObjectItem(scene, "camera");
+    assert_true(fabs(number_at(camera, "eye", "x") - (1 + 3)) < 1e-6);
+    assert_true(fabs(number_at(camera, "eye", "y") - 2) < 1e-6);
+    assert_true(fabs(number_at(camera, "eye", "z") - (2 - 2)) < 1e-6);
+    // The zoom halves the way to the target.
+    memset(&c, 0, sizeof c);
+    c.delta[TARGET_CAMERA_ZOOM] = 1;
+    assert_true(scene_change(scene, base, &c, -1, parts));
+    assert_true(fabs(number_at(camera, "eye", "x") - (1 + 1.5)) < 1e-6);
+    assert_true(fabs(number_at(camera, "eye", "y") - (-4 + 3)) < 1e-6);
+    assert_true(fabs(number_at(camera, "eye", "z") - (2 - 1)) < 1e-6);
+    cJSON_Delete(parts);
+    cJSON_Delete(base);
+    cJSON_Delete(scene);
+}
+
 static double light_number(const cJSON *scene, int i, const char *field, const char *axis)
 {
     const cJSON *light = cJSON_GetArrayItem(cJSON_GetObjectItem(scene, "lights"), i);
@@ -463,6 +489,7 @@ int main(void)
                                        cmocka_unit_test(movements_are_summed),
                                        cmocka_unit_test(held_sticks_go_on),
                                        cmocka_unit_test(camera_sliders),
+                                       cmocka_unit_test(camera_turns_about_its_target),
                                        cmocka_unit_test(lights_of_their_own),
                                        cmocka_unit_test(scenes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
