@@ -442,6 +442,15 @@ static void unreachable(void **state)
     peer_stop(&p, client);
 }
 
+// Where positions, normals and triangles are said to begin in 256 bytes: each time one of them
+// is wrong. At 64 are indices of vertices that do not exist; of the second, six triangles are
+// too many.
+static const uint32_t offsets[][3] = {
+    {0, 0, 64},    {0, 0, 192}, {4, 0, 128},   {256, 0, 128},
+    {320, 0, 128}, {0, 4, 128}, {0, 256, 128}, {0, 320, 128},
+    {0, 0, 132},   {0, 0, 256}, {0, 0, 320},   {0, 0, 128}}; // the last is right
+enum { N_OFFSETS = sizeof offsets / sizeof *offsets };
+
 // Answers that describe more than they carry, one after the other; the connection survives
 // them.
 static void lies_script(struct peer *p)
@@ -458,11 +467,10 @@ static void lies_script(struct peer *p)
         c.format = (Relight__ColorFormat)(i == 4 ? 99 : 0);
         peer_answer(p, &c.base, bytes, i == 0 ? 23 : 24);
     }
-    static const uint32_t offsets[][3] = {{0, 0, 64}, {4, 0, 64}, {0, 0, 320}, {0, 0, 192}};
     memset(bytes + 64, 0xff, 12);
-    for (int i = 0; i < 4 && peer_read(p); i++) {
+    for (size_t i = 0; i < N_OFFSETS && peer_read(p); i++) {
         g.n_vertex = 3;
-        g.n_triangle = i == 3 ? 6 : 1;
+        g.n_triangle = i == 1 ? 6 : 1;
         g.positions_offset = offsets[i][0];
         g.normals_offset = offsets[i][1];
         g.triangles_offset = offsets[i][2];
@@ -488,9 +496,11 @@ static void answers_with_wrong_sizes(void **state)
     for (int i = 0; i < 6; i++)
         assert_int_equal(relight_colors(client, &request, &colors, &error),
                          -RELIGHT_E_PROTOCOL);
-    for (int i = 0; i < 4; i++)
+    for (size_t i = 0; i + 1 < N_OFFSETS; i++)
         assert_int_equal(relight_geometry(client, "m", false, &geometry, &error),
                          -RELIGHT_E_PROTOCOL);
+    assert_int_equal(relight_geometry(client, "m", false, &geometry, &error), 0);
+    relight_geometry_finish(&geometry);
     assert_int_equal(relight_image(client, &picture, &image, &error), -RELIGHT_E_PROTOCOL);
     assert_int_equal(relight_ping(client, NULL, &error), 0);
     // A wrong type of answer.
@@ -731,14 +741,15 @@ static struct vertex_piece {
     uint64_t if_generation, bytes;
     char base[8];
     float position, normal; // the first ones
+    bool own_units;
 } piece[8];
 static unsigned n_piece;
 
 static void keep_piece(const struct relight_frame *f, uint32_t first, uint32_t n,
-                       uint64_t if_generation, const char *base)
+                       uint64_t if_generation, const char *base, bool own_units)
 {
     struct vertex_piece *to = &piece[n_piece++];
-    *to = (struct vertex_piece){first, n, if_generation, f->payload_size, "", 0, 0};
+    *to = (struct vertex_piece){first, n, if_generation, f->payload_size, "", 0, 0, own_units};
     snprintf(to->base, sizeof to->base, "%s", base);
     memcpy(&to->position, f->payload, sizeof to->position);
     if (f->payload_size == 24 * n) memcpy(&to->normal, f->payload + 12 * n, sizeof to->normal);
@@ -756,14 +767,14 @@ static void vertices_script(struct peer *p)
         if (f->type == RELIGHT_TYPE_UPDATE_VERTICES) {
             const Relight__UpdateVerticesRequest *u = (Relight__UpdateVerticesRequest *)m;
             Relight__UpdateVerticesAnswer a = RELIGHT__UPDATE_VERTICES_ANSWER__INIT;
-            keep_piece(f, u->first, u->n, u->if_generation, "");
+            keep_piece(f, u->first, u->n, u->if_generation, "", u->own_units);
             a.generation = 40 + n_piece;
             peer_answer(p, &a.base, NULL, 0);
         } else {
             const Relight__PutPoseRequest *u = (Relight__PutPoseRequest *)m;
             Relight__PutPoseAnswer a = RELIGHT__PUT_POSE_ANSWER__INIT;
             char name[8];
-            keep_piece(f, u->first, u->n, 0, u->base_pose);
+            keep_piece(f, u->first, u->n, 0, u->base_pose, u->own_units);
             snprintf(name, sizeof name, "p%u", n_piece);
             a.pose = name;
             peer_answer(p, &a.base, NULL, 0);
@@ -791,10 +802,11 @@ static void vertices_in_pieces(void **state)
         peer_start(&p, vertices_script, 0);
         struct relight_client *client = connect_to(&p, 30);
         const int status =
-            kind == 2 ? relight_put_pose(client, "m", "p0", FIRST, N, position[0], n, false,
-                                         pose, &error)
-                      : relight_update_vertices_if(client, "m", kind ? 0 : 40, FIRST, N,
-                                                   position[0], n, false, &generation, &error);
+            kind == 2
+                ? relight_put_pose(client, "m", "p0", FIRST, N, position[0], n, true, pose,
+                                   &error)
+                : relight_update_vertices_if(client, "m", kind ? 0 : 40, FIRST, N, position[0],
+                                             n, kind == 0, &generation, &error);
         assert_int_equal(status, 0);
         peer_stop(&p, client);
         assert_int_equal(n_piece, pieces);
@@ -807,6 +819,7 @@ static void vertices_in_pieces(void **state)
             assert_int_equal(piece[i].bytes, (normals ? 24 : 12) * count);
             assert_int_equal(piece[i].if_generation, kind ? 0 : 40 + i);
             assert_string_equal(piece[i].base, base);
+            assert_int_equal(piece[i].own_units, kind != 1);
             assert_true(piece[i].position == (float)(i * each));
             assert_true(piece[i].normal == (normals ? -(float)(i * each) : 0));
         }
@@ -1326,6 +1339,228 @@ static void fields_of_looks(void **state)
     peer_stop(&p, client);
 }
 
+// What comes with a textured surface, of 2 vertices and a triangle: where each part begins in
+// the payload, whose words count from 0. The first is right; in each other one number is not.
+static const struct {
+    uint32_t n_uv, uv, color, blocked, corner, size;
+    bool fits;
+} textured[] = {
+    {2, 192, 256, 320, 384, 408, true},  {8, 192, 320, 320, 384, 408, true},
+    {0, 0, 0, 0, 0, 140, true},          {2, 192, 256, 320, 384, 407, false},
+    {9, 192, 256, 320, 384, 408, false}, {1, 0, 256, 320, 384, 408, false},
+    {2, 196, 256, 320, 384, 408, false}, {2, 192, 260, 320, 384, 408, false},
+    {2, 192, 256, 328, 384, 408, false}, {2, 192, 256, 320, 376, 408, false},
+    {2, 384, 256, 320, 384, 408, false}, {2, 192, 384, 320, 384, 408, false},
+    {2, 192, 256, 384, 384, 408, false}, {2, 192, 256, 320, 448, 408, false},
+    {2, 448, 256, 320, 384, 408, false}, {2, 192, 448, 320, 384, 408, false},
+    {2, 192, 256, 448, 384, 408, false}, {3, 384, 0, 0, 0, 431, false},
+    {3, 384, 0, 0, 0, 432, true},
+};
+enum { N_TEXTURED = sizeof textured / sizeof *textured };
+
+static void textured_script(struct peer *p)
+{
+    static uint32_t words[128];
+    static char *of[2]; // model and image of a request for texels
+    Relight__TextureImage info[2], *images[2] = {info, info + 1};
+    Relight__GeometryAnswer m = RELIGHT__GEOMETRY_ANSWER__INIT;
+    for (uint32_t i = 0; i < 128; i++) words[i] = i;
+    words[32] = words[33] = words[34] = 0; // the triangle
+    for (uint32_t i = 0; i < 2; i++) {
+        relight__texture_image__init(info + i);
+        info[i].hash = i ? "other" : "first";
+        info[i].width = 10 + i, info[i].height = 20 + i, info[i].bytes = 30 + i;
+        info[i].kind = (Relight__TextureKind)i;
+    }
+    m.n_vertex = 2, m.n_triangle = 1, m.triangles_offset = 128;
+    m.normals_offset = 64, m.mm_per_unit = 3, m.generation = 4, m.mesh_hash = "mesh";
+    m.n_images = 2, m.images = images, m.texture_split = 5;
+    peer_hello(p);
+    for (int i = 0; i < N_TEXTURED && peer_read(p); i++) {
+        m.n_uv = textured[i].n_uv, m.uv_offset = textured[i].uv;
+        m.color_offset = textured[i].color, m.blocked_offset = textured[i].blocked;
+        m.corner_uv_offset = textured[i].corner;
+        peer_answer(p, &m.base, words, textured[i].size);
+    }
+    for (int i = 0; i < 3 && peer_read(p); i++) { // texels: too few, too many, 30
+        Relight__GeometryRequest *r =
+            (Relight__GeometryRequest *)relight_frame_unpack(&p->decoder.frame);
+        Relight__GeometryAnswer a = RELIGHT__GEOMETRY_ANSWER__INIT;
+        of[0] = r->model, of[1] = r->image;
+        if (strcmp(of[0], "m") || strcmp(of[1], "first")) p->n_cancel++;
+        protobuf_c_message_free_unpacked(&r->base, NULL);
+        peer_answer(p, &a.base, words, i == 0 ? 29 : i == 1 ? 31 : 30);
+    }
+    peer_read(p);
+}
+
+// Each part of a textured surface lies where the daemon says, and within what it sent.
+static void parts_of_textured_surfaces(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    uint8_t *texels = NULL;
+    peer_start(&p, textured_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    for (int i = 0; i < N_TEXTURED; i++) {
+        struct relight_geometry g;
+        const int status = relight_geometry_textured(client, "m", false, &g, &error);
+        if (status != (textured[i].fits ? 0 : -RELIGHT_E_PROTOCOL))
+            fail_msg("row %d: status %d", i, status);
+        if (status) continue;
+        const uint32_t *uv = (const uint32_t *)g.uv, *color = (const uint32_t *)g.color,
+                       *corner = (const uint32_t *)g.corner_uv,
+                       *blocked = (const uint32_t *)g.blocked;
+        assert_int_equal(g.n_uv, textured[i].n_uv);
+        assert_int_equal(uv ? 4 * *uv : 0, textured[i].uv);
+        assert_int_equal(color ? 4 * *color : 0, textured[i].color);
+        assert_int_equal(blocked ? 4 * *blocked : 0, textured[i].blocked);
+        assert_int_equal(corner ? 4 * *corner : 0, textured[i].corner);
+        assert_int_equal(*(const uint32_t *)g.position, 0);
+        assert_int_equal(*(const uint32_t *)g.normal, 16);
+        assert_true(g.mm_per_unit == 3 && g.generation == 4 && g.texture_split == 5);
+        assert_string_equal(g.mesh_hash, "mesh");
+        assert_int_equal(g.n_image, 2);
+        for (uint32_t k = 0; k < 2; k++) {
+            assert_string_equal(g.image[k].hash, k ? "other" : "first");
+            assert_true(g.image[k].width == 10 + k && g.image[k].height == 20 + k);
+            assert_true(g.image[k].bytes == 30 + k && (uint32_t)g.image[k].kind == k);
+        }
+        relight_geometry_finish(&g);
+    }
+    const struct relight_image_info first = {.hash = "first", .bytes = 30};
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(relight_texture(client, "m", &first, &texels, &error),
+                         i < 2 ? -RELIGHT_E_PROTOCOL : 0);
+    assert_int_equal(((const uint32_t *)texels)[6], 6);
+    free(texels);
+    peer_stop(&p, client);
+    assert_int_equal(p.n_cancel, 0);
+}
+
+// Quotas of different numbers, from `first` on.
+static struct relight_quotas quotas_from(uint64_t first)
+{
+    return (struct relight_quotas){.rate = (double)first,
+                                   .connections = first + 1,
+                                   .requests = first + 2,
+                                   .views = first + 3,
+                                   .memory = first + 4,
+                                   .output = first + 5,
+                                   .bakes = first + 6,
+                                   .uploads = first + 7,
+                                   .models = first + 8,
+                                   .disk = first + 9};
+}
+
+static char secret_text[RELIGHT_SECRET + 1];
+
+static void tokens_script(struct peer *p)
+{
+    peer_hello(p);
+    for (size_t n = RELIGHT_SECRET; n >= RELIGHT_SECRET - 1 && peer_read(p); n--) {
+        Relight__TokenCreateAnswer a = RELIGHT__TOKEN_CREATE_ANSWER__INIT;
+        memset(secret_text, 's', n);
+        secret_text[n] = 0;
+        a.token = secret_text;
+        protobuf_c_message_free_unpacked(kept[0], NULL);
+        kept[0] = relight_frame_unpack(&p->decoder.frame);
+        peer_answer(p, &a.base, NULL, 0);
+    }
+    if (peer_read(p)) { // one with an empty text
+        Relight__TokenCreateAnswer a = RELIGHT__TOKEN_CREATE_ANSWER__INIT;
+        peer_answer(p, &a.base, NULL, 0);
+    }
+    Relight__TokenListAnswer list = RELIGHT__TOKEN_LIST_ANSWER__INIT;
+    Relight__TokenInfo info[2], *tokens[2] = {info, info + 1};
+    Relight__TokenQuotas q = RELIGHT__TOKEN_QUOTAS__INIT;
+    static char *scopes[] = {"view", "edit", "admin"};
+    q.rate = 50, q.connections = 51, q.requests = 52, q.views = 53, q.memory = 54;
+    q.output = 55, q.bakes = 56, q.uploads = 57, q.models = 58, q.disk = 59;
+    for (uint32_t i = 0; i < 2; i++) {
+        relight__token_info__init(info + i);
+        info[i].name = i ? "ann" : "shop", info[i].by = i ? "root" : "ann";
+        info[i].n_scopes = 2 + i, info[i].scopes = scopes;
+        info[i].created_s = 70 + i, info[i].expires_s = 80 + i, info[i].connections = 90 + i;
+    }
+    info[1].quotas = &q;
+    list.n_tokens = 2, list.tokens = tokens;
+    if (peer_read(p)) peer_answer(p, &list.base, NULL, 0);
+    Relight__TokenRevokeAnswer revoked = RELIGHT__TOKEN_REVOKE_ANSWER__INIT;
+    revoked.connections = 7;
+    for (int i = 0; i < 2; i++)
+        if (peer_read(p)) peer_answer(p, &revoked.base, NULL, 0);
+    Relight__SignAnswer link = RELIGHT__SIGN_ANSWER__INIT;
+    link.url = "/v1/x?sig=y", link.expires_s = 123;
+    if (peer_read(p)) {
+        kept[1] = relight_frame_unpack(&p->decoder.frame);
+        peer_answer(p, &link.base, NULL, 0);
+    }
+    peer_read(p);
+}
+
+// Every number of a token's order, of a list of tokens and of a link has its own name; a text
+// that does not fit is no token.
+static void fields_of_tokens(void **state)
+{
+    static const char *const scope[] = {"upload", "view"};
+    const struct relight_token_order order = {.name = "shop",
+                                              .scope = scope,
+                                              .n_scope = 2,
+                                              .lifetime_s = 60,
+                                              .quotas = quotas_from(30)};
+    const struct relight_quotas none = {0}, fifty = quotas_from(50);
+    struct peer p;
+    struct relight_error error;
+    struct relight_tokens tokens;
+    struct relight_link link;
+    char secret[RELIGHT_SECRET] = "before";
+    uint32_t connections = 0;
+    kept[0] = kept[1] = NULL;
+    peer_start(&p, tokens_script, 0);
+    struct relight_client *client = connect_to(&p, 30);
+    assert_int_equal(relight_token_create(client, &order, secret, &error), -RELIGHT_E_PROTOCOL);
+    assert_string_equal(secret, "before");
+    assert_int_equal(relight_token_create(client, &order, secret, &error), 0);
+    assert_int_equal(strlen(secret), RELIGHT_SECRET - 1);
+    assert_int_equal(relight_token_create(client, &order, secret, &error), -RELIGHT_E_PROTOCOL);
+    assert_int_equal(relight_token_list(client, &tokens, &error), 0);
+    assert_int_equal(tokens.n_token, 2);
+    for (uint32_t i = 0; i < 2; i++) {
+        const struct relight_token *t = tokens.token + i;
+        assert_string_equal(t->name, i ? "ann" : "shop");
+        assert_string_equal(t->by, i ? "root" : "ann");
+        assert_int_equal(t->n_scope, 2 + i);
+        assert_string_equal(t->scope[1], "edit");
+        assert_true(t->created_s == 70 + i && t->expires_s == 80 + i);
+        assert_int_equal(t->connections, 90 + i);
+        assert_memory_equal(&t->quotas, i ? &fifty : &none, sizeof none);
+    }
+    relight_tokens_finish(&tokens);
+    assert_int_equal(relight_token_revoke(client, "shop", &connections, &error), 0);
+    assert_int_equal(connections, 7);
+    assert_int_equal(relight_token_revoke(client, "shop", NULL, &error), 0);
+    assert_int_equal(relight_sign(client, "/v1/x", 99, &link, &error), 0);
+    assert_string_equal(link.url, "/v1/x?sig=y");
+    assert_int_equal(link.expires_s, 123);
+    relight_link_finish(&link);
+    peer_stop(&p, client);
+    const Relight__TokenCreateRequest *c = (const Relight__TokenCreateRequest *)kept[0];
+    const Relight__SignRequest *s = (const Relight__SignRequest *)kept[1];
+    assert_true(c && s && c->quotas);
+    assert_string_equal(c->name, "shop");
+    assert_int_equal(c->n_scopes, 2);
+    assert_string_equal(c->scopes[0], "upload");
+    assert_int_equal(c->lifetime_s, 60);
+    const Relight__TokenQuotas *q = c->quotas;
+    assert_true(q->rate == 30 && q->connections == 31 && q->requests == 32 && q->views == 33);
+    assert_true(q->memory == 34 && q->output == 35 && q->bakes == 36 && q->uploads == 37);
+    assert_true(q->models == 38 && q->disk == 39);
+    assert_string_equal(s->url, "/v1/x");
+    assert_int_equal(s->lifetime_s, 99);
+    for (int i = 0; i < 2; i++) protobuf_c_message_free_unpacked(kept[i], NULL);
+}
+
 static void cameras(void **state)
 {
     struct relight_camera c;
@@ -1382,6 +1617,8 @@ int main(void)
         cmocka_unit_test(fields_of_views),
         cmocka_unit_test(fields_of_costs),
         cmocka_unit_test(fields_of_looks),
+        cmocka_unit_test(parts_of_textured_surfaces),
+        cmocka_unit_test(fields_of_tokens),
         cmocka_unit_test(coarse_colours_are_of_their_order),
         cmocka_unit_test(parts_of_coarse_colours),
         cmocka_unit_test(cameras),
