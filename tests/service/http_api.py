@@ -217,6 +217,10 @@ def methods_and_request_ids(d):
     assert headers["allow"] == "GET, HEAD, POST"
     _, headers = d.problem(405, "DELETE", "/healthz")
     assert headers["allow"] == "GET, HEAD"
+    # What has no content has no type of it (RFC 9110, 15.4.5).
+    _, headers, _ = d.ask("GET", "/v1/openapi.json")
+    same = d.ask("GET", "/v1/openapi.json", headers={"If-None-Match": headers["etag"]})
+    assert same[0] == 304 and "content-type" in headers and "content-type" not in same[1], same
     d.problem(404, "GET", "/v1/nothing")
     assert d.ask("GET", "/healthz", headers={"X-Request-Id": "from-me.1"})[1]["x-request-id"] == "from-me.1"
     d.problem(400, "GET", "/healthz", headers={"X-Request-Id": "a b"})
@@ -460,6 +464,7 @@ def tokens_are_wanted(binaries):
         d.problem(401, "GET", "/v1/models", headers={"Authorization": "Bearer wrong"})
         d.problem(401, "POST", "/v1/blobs", b"x" * 100000, headers={"Authorization": "Basic x"})
         assert d.ask("GET", "/v1/models", headers={"Authorization": "Bearer right"})[0] == 200
+        assert d.ask("GET", "/v1/models", headers={"Authorization": "bearer   right"})[0] == 200  # RFC 9110, 11.4
         for open_page in ("/healthz", "/readyz", "/v1/openapi.json"):
             assert d.ask("GET", open_page)[0] == 200
     finally:

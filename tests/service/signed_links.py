@@ -127,8 +127,9 @@ def urls_that_are_refused(d, shop):
         assert "links are for pictures" in relight(d, "sign", other, token=shop, expect=1), other
     assert "more parameters" in relight(d, "sign", PATH + "&a=1" * 500, token=shop, expect=1)
     # Other characters are kept, escaped or not.
-    for good in ("%20", "%7E", "~", "%C3%A4", "+"):
-        link = relight(d, "sign", PATH + "&name=a" + good, token=shop)
+    for good in ("%20", "%7E", "~", "%C3%A4", "\u00e4", "+"):
+        link = relight(d, "sign", PATH + "&name=a" + good + "b", token=shop)
+        assert "name=a%sb&" % {"+": "%20", "%7E": "~", "\u00e4": "%C3%A4"}.get(good, good) in link, link
         assert d.ask("GET", link)[0] == 400 and "&sig=" in link, link  # signed, and no such parameter
 
 
