@@ -538,6 +538,23 @@ static void hot_plug(void **state)
     end_room();
 }
 
+// A device that is no controller, and that no mapping names, is not even opened: it may be a
+// keyboard that somebody types on.
+static void others_are_left_alone(void **state)
+{
+    begin_room(20);
+    struct mock_device *stranger = mock_plug(&knob), *mate = mock_plug(&powermate);
+    start_control((const char *[]){room, NULL});
+    expect_says("Griffin PowerMate (077d:0410): connected");
+    struct mock_device *later = mock_plug(&knob);
+    turn_powermate(mate, 10, false);
+    expect_light("rotate_deg", NULL, 40, 1e-3);
+    assert_int_equal(end_control(NULL), 0);
+    const struct mock_counts c = mock_counts(stranger), l = mock_counts(later);
+    assert_true(!c.open && !c.detached && !c.claimed && !l.open && !l.claimed);
+    end_room();
+}
+
 static struct mock_design changed(struct mock_design m, const uint8_t *report, uint16_t size,
                                   uint16_t said)
 {
@@ -802,6 +819,7 @@ int main(int argc, char **argv)
         cmocka_unit_test_teardown(powermate_turns_a_view, stop_all),
         cmocka_unit_test_teardown(camera_of_a_view, stop_all),
         cmocka_unit_test_teardown(hot_plug, stop_all),
+        cmocka_unit_test_teardown(others_are_left_alone, stop_all),
         cmocka_unit_test_teardown(devices_that_lie, stop_all),
         cmocka_unit_test_teardown(bad_reports, stop_all),
         cmocka_unit_test_teardown(idle_costs_nothing, stop_all),
