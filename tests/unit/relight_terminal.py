@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 
-HELLO, LIST, LOAD, INFO, ERROR, ANSWER = 1, 3, 6, 10, 0xffff, 0x8000
+HELLO, LIST, PUT_BLOB, LOAD, INFO, ERROR, ANSWER = 1, 3, 4, 6, 10, 0xffff, 0x8000
 NAME = 'bunny\x1b]0;owned\x07\x9b31m\x7f\r\nforged \u00e9'
 SHOWN = 'bunny\\x1b]0;owned\\x07\\x9b31m\\x7f\\x0d\\x0aforged \u00e9'
 
@@ -56,12 +56,16 @@ ANSWERS = {
 def serve(listener):
     while True:
         connection, _ = listener.accept()
+        put = [field(2, 1), field(2, 1 << 16)]  # the answers to PUT_BLOB; then it fails
         try:
             while True:
                 head = read(connection, 32)
                 kind, request = struct.unpack('<HQ', head[6:16])
-                read(connection, struct.unpack('<I', head[16:20])[0])
+                size, payload = struct.unpack('<I4xQ', head[16:])
+                read(connection, size + (payload and payload + -(32 + size) % 64))
                 body = ANSWERS.get(kind)
+                if kind == PUT_BLOB and put:
+                    body = put.pop(0)
                 if body is None:
                     kind = ERROR
                     body = field(1, 5) + field(2, NAME + 'x' * 230 + '\u00e9' * 40) + field(3, NAME)
@@ -89,6 +93,28 @@ def run(relight, arguments):
     clean(done.stdout, 'relight ' + ' '.join(arguments))
     clean(done.stderr, 'relight ' + ' '.join(arguments))
     return done
+
+
+def bar_is_cleared(relight, folder, server):
+    """On a terminal an upload shows a bar, which is gone before the error."""
+    path = os.path.join(folder, 'sky.hdr')
+    with open(path, 'wb') as f:
+        f.write(b'x' * 200000)
+    master, slave = os.openpty()
+    process = subprocess.Popen([relight] + server + ['env', path], stdin=subprocess.DEVNULL,
+                               stdout=subprocess.DEVNULL, stderr=slave)
+    os.close(slave)
+    seen = b''
+    try:
+        while part := os.read(master, 4096):
+            seen += part
+    except OSError:  # EIO: the program has ended
+        pass
+    os.close(master)
+    check(process.wait() == 1, 'an upload that fails')
+    bar, _, error = seen.partition(b'relight: ')
+    check(b'] ' in bar and b'% upload' in bar, 'no bar: %r' % seen)
+    check(bar.endswith(b'\r\x1b[K') and b'owned' in error, 'the bar stays before the error: %r' % seen)
 
 
 def arguments_of(pid):
@@ -134,6 +160,7 @@ def main():
         unload = run(relight, server + ['unload', 'bunny'])
         check(unload.returncode == 1 and b'bunny?]0;owned' in unload.stderr,
               'an error is printed: %r' % unload.stderr)
+        bar_is_cleared(relight, folder, server)
         text = run(relight, server + ['models', '--json']).stdout.decode()
         check('\\u001b' in text, 'JSON keeps the name: %r' % text)
         if os.path.exists('/proc/self/cmdline'):
