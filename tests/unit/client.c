@@ -828,6 +828,86 @@ static void vertices_in_pieces(void **state)
     }
 }
 
+// How the peer sends a blob of 2500 bytes, in pieces of 1000.
+static enum way { WELL, DAMAGED, TOO_MUCH, NOTHING, SHRUNK } way;
+static char blob_text[2600];
+
+static void fetch_script(struct peer *p)
+{
+    enum { SIZE = 2500 };
+    char copy[sizeof blob_text];
+    memcpy(copy, blob_text, sizeof copy);
+    if (way == DAMAGED) copy[SIZE - 1] ^= 1;
+    peer_hello(p);
+    for (int i = 0; i < 5 && peer_read(p); i++) {
+        Relight__GetBlobRequest *r =
+            (Relight__GetBlobRequest *)relight_frame_unpack(&p->decoder.frame);
+        Relight__GetBlobAnswer a = RELIGHT__GET_BLOB_ANSWER__INIT;
+        const uint64_t at = r->offset;
+        uint64_t n = at < SIZE ? SIZE - at : 0;
+        protobuf_c_message_free_unpacked(&r->base, NULL);
+        if (n > 1000) n = 1000;
+        else if (way == TOO_MUCH) n++;
+        else if (way == NOTHING) n = 0;
+        a.size = way == SHRUNK && at ? 1500 : SIZE;
+        p->n_ack++;
+        peer_answer(p, &a.base, copy + at, n);
+    }
+    peer_read(p);
+}
+
+static int stop_after_two(void *user, const struct relight_progress *progress)
+{
+    assert_true(progress->fraction == 1000.0 * ++*(int *)user / 2500);
+    return *(int *)user == 2;
+}
+
+// A file comes in pieces, each from where the one before it ended. Of one that is damaged, too
+// long, ends early or was stopped nothing stays.
+static void downloads(void **state)
+{
+    static const int want[] = {0, -RELIGHT_E_HASH, -RELIGHT_E_PROTOCOL, -RELIGHT_E_PROTOCOL,
+                               -RELIGHT_E_PROTOCOL};
+    struct peer p;
+    struct relight_error error;
+    struct relight_client *client;
+    char hash[65], named[80], path[64];
+    uint64_t size = 7;
+    int calls = 0;
+    for (size_t i = 0; i < sizeof blob_text; i++) blob_text[i] = (char)(i * 13 + i / 256);
+    relight_hash(blob_text, 2500, hash);
+    snprintf(named, sizeof named, "env:%s", hash);
+    snprintf(path, sizeof path, "/tmp/relight-test-%ld.blob", (long)getpid());
+    for (int k = SHRUNK; k >= WELL; k--) { // the good one last: it leaves a file
+        way = (enum way)k;
+        peer_start(&p, fetch_script, 0);
+        client = connect_to(&p, 30);
+        const int status =
+            relight_download(client, k ? hash : named, path, NULL, NULL, &size, &error);
+        if (status != want[k]) fail_msg("way %d: status %d, %s", k, status, error.text);
+        assert_int_equal(access(path, F_OK), k ? -1 : 0);
+        assert_int_equal(size, k ? 7 : 2500);
+        peer_stop(&p, client);
+        assert_int_equal(p.n_ack, k == SHRUNK ? 2 : 3);
+    }
+    char got[2600];
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    assert_int_equal(fread(got, 1, sizeof got, file), 2500);
+    fclose(file);
+    unlink(path);
+    assert_memory_equal(got, blob_text, 2500);
+    peer_start(&p, fetch_script, 0);
+    client = connect_to(&p, 30);
+    assert_int_equal(
+        relight_download(client, hash, path, stop_after_two, &calls, &size, &error),
+        -RELIGHT_E_CANCELLED);
+    assert_int_equal(access(path, F_OK), -1);
+    assert_int_equal(relight_download(client, "env:abc", path, NULL, NULL, NULL, &error),
+                     -RELIGHT_E_ARGUMENT);
+    peer_stop(&p, client);
+}
+
 static void *ping_many(void *arg)
 {
     intptr_t bad = 0;
@@ -1609,6 +1689,7 @@ int main(void)
         cmocka_unit_test(uploads),
         cmocka_unit_test(upload_limits),
         cmocka_unit_test(vertices_in_pieces),
+        cmocka_unit_test(downloads),
         cmocka_unit_test(threads_share_a_client),
         cmocka_unit_test(requests_while_answers_arrive),
         cmocka_unit_test(views),
