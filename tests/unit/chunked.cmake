@@ -1,0 +1,1 @@
+prt_test(chunked SOURCES unit/chunked.c LIBS relightd_rooms LABELS unit)
