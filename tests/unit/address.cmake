@@ -1,0 +1,1 @@
+prt_test(address SOURCES unit/address.c LIBS relightd_rooms LABELS unit)
