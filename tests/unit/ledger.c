@@ -50,6 +50,69 @@ static void test_limits(void **state)
     ledger_destroy(ledger);
 }
 
+// For every limit, amount and amount held: granted where the sum is within both limits, and the
+// client's own limit is named first. A refusal charges nothing.
+static void test_sums(void **state)
+{
+    static const uint64_t amounts[] = {0, 1, 9, 10, 11, 15, 16, UINT64_MAX};
+    enum { N = sizeof amounts / sizeof *amounts };
+    for (uint64_t mine = 0; mine <= 10; mine++)
+        for (uint64_t others = 0; mine + others <= 15; others += 5)
+            for (size_t i = 0; i < N; i++) {
+                struct ledger *ledger = ledger_create(&options);
+                struct principal *a = ledger_principal(ledger, "uid:1"),
+                                 *b = ledger_principal(ledger, "uid:2");
+                char error[256];
+                ledger_force(a, LEDGER_REQUESTS, mine);
+                ledger_force(b, LEDGER_REQUESTS, others);
+                const bool own = amounts[i] <= 10 - mine,
+                           all = amounts[i] <= 15 - mine - others;
+                const enum ledger_refusal r =
+                    ledger_take(a, LEDGER_REQUESTS, amounts[i], error);
+                assert_int_equal(r, !own  ? LEDGER_CLIENT_FULL
+                                    : all ? LEDGER_GRANTED
+                                          : LEDGER_ALL_FULL);
+                const uint64_t taken = r == LEDGER_GRANTED ? amounts[i] : 0;
+                assert_true(a->held[LEDGER_REQUESTS] == mine + taken);
+                assert_true(ledger_total(ledger, LEDGER_REQUESTS) == mine + others + taken);
+                principal_release(b);
+                principal_release(a);
+                ledger_destroy(ledger);
+            }
+}
+
+// Where only the daemon has a limit, no amount passes it, however large.
+static void test_limit_of_all(void **state)
+{
+    static const struct options all_only = {.queue = 15};
+    static const uint64_t amounts[] = {6, 15, 16, UINT64_MAX - 5, UINT64_MAX};
+    struct ledger *ledger = ledger_create(&all_only);
+    struct principal *a = ledger_principal(ledger, "uid:1");
+    char error[256];
+    ledger_force(a, LEDGER_REQUESTS, 10);
+    for (size_t i = 0; i < sizeof amounts / sizeof *amounts; i++)
+        assert_int_equal(ledger_take(a, LEDGER_REQUESTS, amounts[i], error), LEDGER_ALL_FULL);
+    assert_int_equal(ledger_take(a, LEDGER_REQUESTS, 5, error), LEDGER_GRANTED);
+    ledger_give(a, LEDGER_REQUESTS, 15);
+    principal_release(a);
+    ledger_destroy(ledger);
+}
+
+// A charge of any kind keeps its principal.
+static void test_any_charge_stays(void **state)
+{
+    struct ledger *ledger = ledger_create(&options);
+    for (int i = 0; i < LEDGER_N; i++) {
+        struct principal *a = ledger_principal(ledger, "uid:1");
+        ledger_force(a, (enum ledger_resource)i, 1);
+        principal_release(a);
+        assert_ptr_equal(ledger_first(ledger), a);
+        ledger_give(a, (enum ledger_resource)i, 1);
+        assert_null(ledger_first(ledger));
+    }
+    ledger_destroy(ledger);
+}
+
 static void test_principals(void **state)
 {
     struct ledger *ledger = ledger_create(&options);
@@ -92,6 +155,12 @@ static void test_least_limit(void **state)
         p[i] = ledger_principal(ledger, i == 0 ? "anna" : i == 1 ? "bob" : "carl");
     assert_int_equal(ledger_limit_least(ledger, LEDGER_OUTPUT), 20);
     assert_int_equal(ledger_limit_least(ledger, LEDGER_REQUESTS), 10);
+    // A refusal names the token's quota, or the option where the token says nothing.
+    char error[256];
+    assert_int_equal(ledger_take(p[1], LEDGER_OUTPUT, 21, error), LEDGER_CLIENT_FULL);
+    assert_non_null(strstr(error, "your token's quota"));
+    assert_int_equal(ledger_take(p[1], LEDGER_REQUESTS, 11, error), LEDGER_CLIENT_FULL);
+    assert_non_null(strstr(error, "(--client-requests)"));
     for (int i = 0; i < 3; i++) principal_release(p[i]);
     ledger_destroy(ledger);
 }
@@ -120,9 +189,14 @@ static void test_share(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_limits), cmocka_unit_test(test_principals),
-        cmocka_unit_test(test_names),  cmocka_unit_test(test_least_limit),
+        cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_principals),
+        cmocka_unit_test(test_names),
+        cmocka_unit_test(test_least_limit),
         cmocka_unit_test(test_share),
+        cmocka_unit_test(test_sums),
+        cmocka_unit_test(test_any_charge_stays),
+        cmocka_unit_test(test_limit_of_all),
     };
     return cmocka_run_group_tests_name("ledger", tests, NULL, NULL);
 }
