@@ -251,6 +251,9 @@ static void undo_of(char *principal)
     // A new change forgets what could be redone.
     rotate(&t, ANN, 40, slow, 0);
     assert_int_equal(step_back(&t, ANN, false), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    assert_int_equal(step_back(&t, ANN, false), 0);
+    lit(&t, 40);
     room_state_free(t.state);
 }
 
@@ -280,6 +283,69 @@ static void a_drag_is_one_step(void **unused)
     lit(&t, 3);
     for (int i = 0; i < 3 * ROOM_MAX_UNDO; i++) rotate(&t, ANN, (float)i, slow, 0);
     assert_true(t.state->n_undo <= ROOM_MAX_UNDO + 1);
+    room_state_free(t.state);
+}
+
+static int step_after(struct table *t, unsigned person, bool undo, uint64_t pause_us)
+{
+    const uint64_t then = t->now_us + pause_us;
+    t->now_us = then - 5000000; // step_back() waits so long
+    return step_back(t, person, undo);
+}
+
+// A change a second after another continues the drag, a later one does not; nor does one after
+// an undo and a redo, however fast.
+static void a_pause_ends_a_drag(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {NULL, begin(&r), 10000000};
+    rotate(&t, ANN, 1, slow, 0);
+    rotate(&t, ANN, 2, 1000000, 0);
+    rotate(&t, ANN, 3, 1000000, 0);
+    assert_int_equal(t.state->n_undo, 1);
+    const uint64_t last_us = t.now_us;
+    rotate(&t, ANN, 4, 1000001, 0);
+    assert_int_equal(t.state->n_undo, 2);
+    assert_int_equal(step_after(&t, ANN, true, fast), 0);
+    assert_true(t.state->parts[1]->stamp->time_us == last_us); // of the last moment of the drag
+    assert_int_equal(step_after(&t, ANN, false, fast), 0);
+    rotate(&t, ANN, 5, fast, 0);
+    assert_int_equal(t.state->n_undo, 3);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    lit(&t, 4);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    lit(&t, 3);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    assert_int_equal(step_back(&t, ANN, false), 0);
+    assert_true(t.state->parts[1]->stamp->time_us == last_us);
+    room_state_free(t.state);
+}
+
+// A person can undo ROOM_MAX_UNDO changes, everybody together ROOM_MAX_UNDO_ALL.
+static void steps_are_bounded(void **unused)
+{
+    static char name[] = "token:a";
+    enum { PEOPLE = ROOM_MAX_UNDO_ALL / ROOM_MAX_UNDO + 2 };
+    struct rnd r;
+    unsigned undone = 0;
+    rnd_seed(&r, 3);
+    struct table t = {NULL, begin(&r), 1000000};
+    for (int i = 0; i < ROOM_MAX_UNDO + 9; i++) rotate(&t, ANN, (float)i, slow, 0);
+    assert_int_equal(t.state->n_undo, ROOM_MAX_UNDO);
+    while (!step_back(&t, ANN, true)) undone++;
+    assert_int_equal(undone, ROOM_MAX_UNDO);
+    lit(&t, 8);
+    t.principal = name;
+    for (int p = 0; p < PEOPLE; p++) {
+        name[6] = (char)('a' + p);
+        for (int i = 0; i < ROOM_MAX_UNDO; i++) rotate(&t, ANN, (float)i, slow, 0);
+    }
+    assert_int_equal(t.state->n_undo, ROOM_MAX_UNDO_ALL);
+    // The oldest went first.
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    name[6] = 'a';
+    assert_int_equal(step_back(&t, ANN, true), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
     room_state_free(t.state);
 }
 
@@ -360,6 +426,200 @@ static void roles(void **unused)
     assert_int_equal(act(&t, ANN, 3, &other), 0);
     assert_int_equal(room_role(t.state, "guest:0001", 50), RELIGHT__ROOM_ROLE__ROLE_NONE);
     room_state_free(t.state);
+}
+
+static int vary(struct table *t, char *name, char *material)
+{
+    Relight__PutVariant variant = RELIGHT__PUT_VARIANT__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    variant.name = name;
+    variant.material = material;
+    action.variant = &variant;
+    return act(t, ANN, 2, &action);
+}
+
+// A room has one variant of a name, with its last material; one without material is removed.
+static void variants(void **unused)
+{
+    enum { LIMIT = RELIGHT__ERROR_CODE__ERROR_LIMIT };
+    static char longest[ROOM_MAX_NAME + 2], material[ROOM_MAX_MATERIAL + 2];
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {NULL, begin(&r), 1000000};
+    char name[] = "v0";
+    for (int turn = 0; turn < 2; turn++)
+        for (int i = 0; i < 3; i++) {
+            name[1] = (char)('0' + i);
+            assert_int_equal(vary(&t, name, turn ? "jade" : "skin1"), 0);
+        }
+    assert_int_equal(vary(&t, "v2", "marble"), 0); // the last one of the list
+    assert_int_equal(t.state->n_variants, 3);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(t.state->variants[i]->name[1], '0' + i);
+        assert_string_equal(t.state->variants[i]->material, i < 2 ? "jade" : "marble");
+    }
+    for (int i = 2; i >= 0; i -= 2) {
+        name[1] = (char)('0' + i);
+        assert_int_equal(vary(&t, name, ""), 0);
+        assert_int_equal(vary(&t, name, ""), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    }
+    assert_int_equal(t.state->n_variants, 1);
+    assert_string_equal(t.state->variants[0]->name, "v1");
+    memset(longest, 'n', ROOM_MAX_NAME);
+    memset(material, 'm', ROOM_MAX_MATERIAL);
+    assert_int_equal(vary(&t, longest, material), 0);
+    longest[ROOM_MAX_NAME] = 'n';
+    assert_int_equal(vary(&t, longest, "jade"), LIMIT);
+    assert_int_equal(vary(&t, "", "jade"), LIMIT);
+    longest[ROOM_MAX_NAME] = 0;
+    assert_int_equal(vary(&t, longest, ""), 0);
+    for (int i = 1; i < ROOM_MAX_VARIANTS; i++) {
+        snprintf(longest, sizeof longest, "variant %d", i);
+        assert_int_equal(vary(&t, longest, "jade"), 0);
+    }
+    assert_int_equal(vary(&t, "one more", "jade"), LIMIT);
+    assert_int_equal(vary(&t, "v1", "marble"), 0); // a new material needs no place
+    assert_int_equal(t.state->n_variants, ROOM_MAX_VARIANTS);
+    room_state_free(t.state);
+}
+
+static int paint(struct table *t, char *material, char *pose)
+{
+    static char *parts[] = {"material", "model"};
+    Relight__Scene scene = RELIGHT__SCENE__INIT;
+    Relight__SceneChange change = RELIGHT__SCENE_CHANGE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    scene.material = material;
+    scene.pose = pose;
+    change.scene = &scene;
+    change.parts = parts;
+    change.n_parts = 2;
+    action.scene = &change;
+    return act(t, ANN, 2, &action);
+}
+
+static int save_scene(struct table *t)
+{
+    Relight__SaveRevision save = RELIGHT__SAVE_REVISION__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    action.save = &save;
+    return act(t, ANN, 2, &action);
+}
+
+// Revisions count materials by themselves: each new one has the next number, one that was there
+// has its own. A pose belongs to the model, also when it is undone.
+static void materials_are_numbered(void **unused)
+{
+    static char *const material[] = {"jade", "jade", "skin1", "jade", "marble", "skin1"};
+    static const uint32_t number[] = {1, 1, 2, 1, 3, 2};
+    enum { N = sizeof number / sizeof *number };
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {NULL, begin(&r), 1000000};
+    char pose[] = "pose 0";
+    const size_t first = t.state->n_revisions;
+    for (int i = 0; i < N; i++) {
+        pose[5] = (char)('0' + i);
+        assert_int_equal(paint(&t, material[i], pose), 0);
+        assert_string_equal(t.state->scene->pose, pose);
+        assert_int_equal(save_scene(&t), 0);
+        assert_int_equal(save_scene(&t), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+        assert_int_equal(t.state->revisions[first + i]->number, first + i + 1);
+        assert_int_equal(t.state->revisions[first + i]->material, number[i]);
+    }
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    assert_string_equal(t.state->scene->pose, "pose 4");
+    assert_string_equal(t.state->scene->material, "marble");
+    room_state_free(t.state);
+}
+
+// The last of ROOM_MAX_REVISIONS is kept, and no more.
+static void revisions_are_bounded(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {NULL, begin(&r), 1000000};
+    Relight__Revision one = RELIGHT__REVISION__INIT;
+    Relight__Scene scene = RELIGHT__SCENE__INIT;
+    one.scene = &scene;
+    assert_int_equal(t.state->n_revisions, 0);
+    for (int i = 0; i < ROOM_MAX_REVISIONS - 1; i++)
+        assert_non_null(list_add(&t.state->revisions, &t.state->n_revisions, &one));
+    assert_int_equal(save_scene(&t), 0);
+    assert_int_equal(t.state->n_revisions, ROOM_MAX_REVISIONS);
+    rotate(&t, ANN, 50, slow, 0);
+    assert_int_equal(save_scene(&t), RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    t.state->revisions[0] = t.state->revisions[ROOM_MAX_REVISIONS - 1];
+    t.state->n_revisions = 1; // the others are `one`
+    room_state_free(t.state);
+}
+
+// What a scene may hold at all.
+static void scenes_that_are_refused(void **unused)
+{
+    enum { GOOD, SIXTEEN, LIGHTS, TEXELS, ID, SHORT, LONG, UPPER, SHADE, MEDIA, CAMERA, N };
+    for (int fault = 0; fault < N; fault++) {
+        char error[ROOM_ERROR] = "", id[] = "0123456789abcdef0123456789abcdef0";
+        Relight__Scene s = RELIGHT__SCENE__INIT;
+        Relight__Light light = RELIGHT__LIGHT__INIT, *lights[17];
+        Relight__Shade shade = RELIGHT__SHADE__INIT;
+        Relight__Camera camera = RELIGHT__CAMERA__INIT;
+        Relight__Picture picture = RELIGHT__PICTURE__INIT;
+        Relight__ObjectMaterial media[65], *list[65];
+        for (int i = 0; i < 17; i++) lights[i] = &light;
+        for (int i = 0; i < 65; i++) {
+            relight__object_material__init(list[i] = &media[i]);
+            media[i].object = "wax", media[i].material = "marble";
+        }
+        id[32] = 0;
+        s.model = id, s.lights = lights, s.camera = &camera;
+        s.shade = &shade, s.picture = &picture;
+        s.n_lights = fault == SIXTEEN ? 16 : fault == LIGHTS ? 17 : 1;
+        shade.materials = list, shade.n_materials = fault == MEDIA ? 65 : 64;
+        if (fault == TEXELS) light.cube_n = 16;
+        if (fault == ID) id[31] = 'g';
+        if (fault == SHORT) id[31] = 0;
+        if (fault == LONG) id[32] = '0';
+        if (fault == UPPER) id[10] = 'A';
+        if (fault == SHADE) shade.material = "jade";
+        if (fault == CAMERA) picture.camera = &camera;
+        const int code = room_scene_check(&s, error);
+        assert_int_equal(code, fault == GOOD || fault == SIXTEEN ? 0
+                               : fault == LIGHTS || fault == MEDIA
+                                   ? RELIGHT__ERROR_CODE__ERROR_LIMIT
+                                   : RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+        assert_int_equal(error[0] != 0, code != 0);
+    }
+}
+
+// Numbers are finite and texts bounded, at every depth and in every entry of a list.
+static void messages_that_are_no_use(void **unused)
+{
+    static char text[ROOM_MAX_MATERIAL + 2];
+    static const float numbers[] = {0, -3e38f, 0.0f / 0.0f, 1.0f / 0.0f, -1.0f / 0.0f};
+    char error[ROOM_ERROR];
+    Relight__Scene s = RELIGHT__SCENE__INIT;
+    Relight__Light light[3], *lights[3];
+    for (int i = 0; i < 3; i++) relight__light__init(lights[i] = &light[i]);
+    s.lights = lights, s.n_lights = 3;
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        for (int j = 0; j < 3; j++) {
+            light[j].rotate_deg = numbers[i];
+            assert_int_equal(room_message_sane(&s.base, error), i < 2);
+            if (i >= 2) assert_non_null(strstr(error, "rotate_deg: not a finite number"));
+            light[j].rotate_deg = 0;
+        }
+    memset(text, 't', ROOM_MAX_MATERIAL);
+    s.material = text;
+    assert_true(room_message_sane(&s.base, error));
+    text[ROOM_MAX_MATERIAL] = 't';
+    assert_false(room_message_sane(&s.base, error));
+    s.material = "";
+    light[2].env = text;
+    assert_false(room_message_sane(&s.base, error));
+    light[2].env = "";
+    light[1].base.n_unknown_fields = 1;
+    assert_false(room_message_sane(&s.base, error));
 }
 
 static void notes_and_revisions(void **unused)
@@ -618,7 +878,14 @@ int main(void)
         cmocka_unit_test(interleavings),
         cmocka_unit_test(undo_by_person),
         cmocka_unit_test(a_drag_is_one_step),
+        cmocka_unit_test(a_pause_ends_a_drag),
+        cmocka_unit_test(steps_are_bounded),
         cmocka_unit_test(conflicts_are_told),
+        cmocka_unit_test(variants),
+        cmocka_unit_test(materials_are_numbered),
+        cmocka_unit_test(revisions_are_bounded),
+        cmocka_unit_test(scenes_that_are_refused),
+        cmocka_unit_test(messages_that_are_no_use),
         cmocka_unit_test(roles),
         cmocka_unit_test(notes_and_revisions),
         cmocka_unit_test(an_erased_pin_takes_its_strokes),
