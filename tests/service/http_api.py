@@ -463,8 +463,10 @@ def tokens_are_wanted(binaries):
         d.problem(401, "GET", "/metrics")
         d.problem(401, "GET", "/v1/models", headers={"Authorization": "Bearer wrong"})
         d.problem(401, "POST", "/v1/blobs", b"x" * 100000, headers={"Authorization": "Basic x"})
-        assert d.ask("GET", "/v1/models", headers={"Authorization": "Bearer right"})[0] == 200
-        assert d.ask("GET", "/v1/models", headers={"Authorization": "bearer   right"})[0] == 200  # RFC 9110, 11.4
+        for scheme in ("Bearer ", "bearer ", "BEARER  "):  # RFC 9110 section 11.1: without regard to capitals
+            assert d.ask("GET", "/v1/models", headers={"Authorization": scheme + "right"})[0] == 200
+        for wrong in ("Bearer", "Bearerright", "right", "Basic right"):
+            d.problem(401, "GET", "/v1/models", headers={"Authorization": wrong})
         for open_page in ("/healthz", "/readyz", "/v1/openapi.json"):
             assert d.ask("GET", open_page)[0] == 200
     finally:
