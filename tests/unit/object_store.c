@@ -20,13 +20,37 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
+
+// ---- files that this machine does not see at first, as on NFS
+
+static struct {
+    char path[PATH_MAX];
+    int fault; // of that many openings
+    int left;
+} unseen;
+
+int open(const char *path, int flags, ...)
+{
+    va_list args;
+    va_start(args, flags);
+    const mode_t mode = flags & O_CREAT ? va_arg(args, mode_t) : 0;
+    va_end(args);
+    if (unseen.left && !strcmp(path, unseen.path)) {
+        unseen.left--;
+        errno = unseen.fault;
+        return -1;
+    }
+    return (int)syscall(SYS_openat, AT_FDCWD, path, flags, mode);
+}
 
 enum { HOSTS = 2 };
 static int descriptors_before;
@@ -599,6 +623,33 @@ static void a_blob_that_is_there_is_used(void **state)
     object_store_close(first_store);
 }
 
+// A file that is missing is looked for once more, behind a look at its folder; one that is
+// stale as often as another machine may replace it meanwhile.
+static void an_object_is_looked_for_again(void **state)
+{
+    enum { TRIES = 16 };
+    static const struct {
+        int fault, times, code;
+    } cases[] = {{ENOENT, 1, 0},      {ENOENT, 2, -ENOENT}, {ESTALE, 1, 0},
+                 {EBADF, 3, 0},       {ESTALE, TRIES, 0},   {ESTALE, TRIES + 1, -ESTALE},
+                 {EACCES, 1, -EACCES}};
+    struct object_store *store = open_store_of(0);
+    char file[128], copy[128], hash[65];
+    snprintf(file, sizeof file, "%s/file", folder);
+    snprintf(copy, sizeof copy, "%s/copy", folder);
+    make_file(file, 1, 1000, hash);
+    assert_int_equal(object_put(store, OBJECT_BLOB, hash, file), 0);
+    snprintf(unseen.path, sizeof unseen.path, "%s/blobs/%.2s/%s", shared, hash, hash);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        unseen.fault = cases[i].fault;
+        unseen.left = cases[i].times;
+        assert_int_equal(object_get(store, OBJECT_BLOB, hash, copy), cases[i].code);
+        unseen.left = 0;
+        assert_int_equal(object_get(store, OBJECT_BLOB, hash, copy), 0);
+    }
+    object_store_close(store);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -612,6 +663,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(each_use_keeps_an_object, setup, teardown),
         cmocka_unit_test_setup_teardown(one_that_is_removed_is_whole_or_gone, setup, teardown),
         cmocka_unit_test_setup_teardown(a_blob_that_is_there_is_used, setup, teardown),
+        cmocka_unit_test_setup_teardown(an_object_is_looked_for_again, setup, teardown),
         cmocka_unit_test_setup_teardown(nothing_acknowledged_is_lost, setup, teardown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
