@@ -142,6 +142,19 @@ static bool has_ipv6(void)
     return has;
 }
 
+// All addresses of IPv6 are none of IPv4.
+static void test_six_is_not_four(void **state)
+{
+    const char *const six[] = {"--http", "[::]:0", "--accept-anyone", NULL};
+    if (!has_ipv6()) skip();
+    daemon_start(&d, six);
+    const int port = port_of(d.http), fd = tcp_connect("::1", port);
+    assert_true(fd >= 0);
+    close(fd);
+    assert_int_equal(tcp_connect("127.0.0.1", port), -1);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // Only the address that --http names listens.
 static void test_http_listens_where_it_is_told(void **state)
 {
@@ -956,6 +969,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_http_listens_where_it_is_told, after_each),
+        cmocka_unit_test_teardown(test_six_is_not_four, after_each),
         cmocka_unit_test_teardown(test_host_and_origin, after_each),
         cmocka_unit_test_teardown(test_metrics_want_the_token, after_each),
         cmocka_unit_test(test_web_access_rules),
