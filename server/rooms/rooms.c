@@ -113,7 +113,8 @@ bool room_let_go(struct room *room)
 
 static void idle_over(struct loop_timer *timer)
 {
-    room_let_go((struct room *)((char *)timer - offsetof(struct room, idle)));
+    struct room *room = (struct room *)((char *)timer - offsetof(struct room, idle));
+    if (!room->rooms->stopping) room_let_go(room); // else the store may be closed
 }
 
 void room_hold(struct room *room)
@@ -480,6 +481,17 @@ int rooms_create(struct server *server, struct rooms **out)
     return 0;
 }
 
+// What the ends of the last tasks and timers still ask of the store fails.
+static void submit_closed(struct room_store *store, struct room_task *task)
+{
+    task->status = ROOM_TASK_FAILED;
+    snprintf(task->error, sizeof task->error, "the daemon stops");
+    task->done(task);
+}
+
+static const struct room_store_api closed_api = {.submit = submit_closed};
+static struct room_store closed_store = {.api = &closed_api};
+
 void rooms_destroy(struct rooms *rooms)
 {
     if (!rooms) return;
@@ -495,6 +507,7 @@ void rooms_destroy(struct rooms *rooms)
                 room_write_snapshot(room);
     hooks_destroy(rooms->hooks);
     rooms->store->api->close(rooms->store);
+    rooms->store = &closed_store;
     loop_turn(server->loop, 0); // the ends of its last tasks
     backups_drop(rooms);        // one of them may have been written until here
     for (int i = 0; i < ROOMS_HASH; i++)
@@ -533,6 +546,7 @@ static void purged(struct room_task *task)
 void rooms_maintain(struct rooms *rooms)
 {
     double keep_s = rooms->server->options.rooms_keep;
+    if (rooms->stopping) return; // the store may be closed
     if (!holds_known(rooms->server->holds)) rooms_read_keeps(rooms);
     rooms_count(rooms);
     struct purge *purge = keep_s > 0 ? calloc(1, sizeof *purge) : NULL;
