@@ -505,11 +505,11 @@ void rooms_destroy(struct rooms *rooms)
             if (room->state && !room->stale && !room->n_edit &&
                 room->committed > room->snapshot + ROOM_SNAPSHOT_EVENTS / 4)
                 room_write_snapshot(room);
-    hooks_destroy(rooms->hooks);
     rooms->store->api->close(rooms->store);
     rooms->store = &closed_store;
-    loop_turn(server->loop, 0); // the ends of its last tasks
-    backups_drop(rooms);        // one of them may have been written until here
+    loop_turn(server->loop, 0); // the ends of its last tasks, of which hooks are told
+    hooks_destroy(rooms->hooks);
+    backups_drop(rooms); // one of them may have been written until here
     for (int i = 0; i < ROOMS_HASH; i++)
         while (rooms->hash[i]) room_free(rooms->hash[i]);
     guests_finish(&rooms->guests);
