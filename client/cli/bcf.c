@@ -273,15 +273,23 @@ struct markup {
     struct bcf_xml xml; // first
     cJSON *topic;       // the topic that the file is read into
     cJSON *comment;     // the one that is open
+    unsigned depth;     // of that one
 };
+
+// BCF 2.1 has comments beside the topic, 3.0 in a list inside it.
+static bool is_comment(const struct markup *m, const char *name)
+{
+    return (m->xml.depth == 2 || m->xml.depth == 4) && !strcmp(name, "Comment");
+}
 
 static void element_begins(void *user, const XML_Char *name, const XML_Char **attributes)
 {
     struct markup *m = user;
     m->xml.depth++;
     m->xml.n = 0;
-    if (m->xml.depth == 2 && !strcmp(name, "Comment")) {
+    if (!m->comment && is_comment(m, name)) {
         m->comment = cJSON_CreateObject();
+        m->depth = m->xml.depth;
         cJSON_AddItemToArray(cJSON_GetObjectItem(m->topic, "comments"), m->comment);
     }
     if (m->xml.depth == 2 && !strcmp(name, "Topic"))
@@ -296,17 +304,16 @@ static void element_ends(void *user, const XML_Char *name)
     static const char *const of_topic[] = {"Title", "Description", "CreationAuthor",
                                            "CreationDate"};
     static const char *const of_comment[] = {"Comment", "Author", "Date"};
+    const unsigned depth = m->xml.depth--;
     m->xml.text[m->xml.n] = 0;
-    m->xml.depth--;
-    if (m->xml.depth == 1) m->comment = NULL;
-    if (m->xml.depth != 2) return;
-    for (int i = 0; i < 4 && !m->comment; i++)
+    if (depth == m->depth) m->comment = NULL;
+    for (int i = 0; i < 4 && !m->comment && depth == 3; i++)
         if (!strcmp(name, of_topic[i])) cJSON_AddStringToObject(m->topic, name, m->xml.text);
-    // Of several viewpoints the first.
-    if (!m->comment && !strcmp(name, "Viewpoint") && m->xml.n &&
+    // Of several viewpoints the first; BCF 3.0 has them inside the topic, too.
+    if (!m->comment && (depth == 3 || depth == 5) && !strcmp(name, "Viewpoint") && m->xml.n &&
         !cJSON_GetObjectItem(m->topic, "viewpoint"))
         cJSON_AddStringToObject(m->topic, "viewpoint", m->xml.text);
-    for (int i = 0; i < 3 && m->comment; i++)
+    for (int i = 0; i < 3 && m->comment && depth == m->depth + 1; i++)
         if (!strcmp(name, of_comment[i]))
             cJSON_AddStringToObject(m->comment, name, m->xml.text);
     m->xml.n = 0;

@@ -434,9 +434,15 @@ views = {
 with zipfile.ZipFile('foreign.bcf', 'w', zipfile.ZIP_DEFLATED) as z:
     z.writestr('bcf.version', '<Version VersionId="2.1"/>')
     for name, view in views.items():
-        part = '<Viewpoints Guid="v"><Viewpoint>%s.bcfv</Viewpoint></Viewpoints>' % name if view else ''
-        z.writestr(name + '/markup.bcf', '<Markup><Topic Guid="t"><Title>%s</Title><CreationAuthor>x</CreationAuthor>'
-                   '</Topic><Comment Guid="c"><Comment>seen</Comment><Viewpoint Guid="v"/></Comment>%s</Markup>' % (name, part))
+        part = '<Viewpoint>%s.bcfv</Viewpoint>' % name if view else ''
+        comment = '<Comment Guid="c"><Comment>seen</Comment><Viewpoint Guid="v"/></Comment>'
+        head = '<Title>%s</Title><CreationAuthor>x</CreationAuthor>' % name
+        if name == 'past': # BCF 3.0 has comments and views inside the topic
+            z.writestr(name + '/markup.bcf', '<Markup><Topic Guid="t">%s<Comments>%s</Comments><Viewpoints><ViewPoint Guid="v">'
+                       '%s</ViewPoint></Viewpoints></Topic></Markup>' % (head, comment, part))
+        else:
+            part = '<Viewpoints Guid="v">%s</Viewpoints>' % part if view else ''
+            z.writestr(name + '/markup.bcf', '<Markup><Topic Guid="t">%s</Topic>%s%s</Markup>' % (head, comment, part))
         if view: z.writestr('%s/%s.bcfv' % (name, name), view)
 END
 expect 0 load small.obj --remote --name ten --mm-per-unit 10 --material marble --preview
