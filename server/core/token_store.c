@@ -3,11 +3,15 @@
 #include "core/token_store.h"
 
 #include <cjson/cJSON.h>
+#include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <sodium.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 static const struct {
     const char *word;
@@ -240,4 +244,36 @@ char *tokens_print(const struct token_store *store)
     char *text = cJSON_Print(json);
     cJSON_Delete(json);
     return text;
+}
+
+// The error of fsync() in the folder of the file.
+static int sync_folder(const char *path)
+{
+    char folder[4096];
+    snprintf(folder, sizeof folder, "%s", path);
+    *strrchr(folder, '/') = 0;
+    int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC), fault = 0;
+    if (fd < 0 || fsync(fd)) fault = errno;
+    if (fd >= 0) close(fd);
+    return fault;
+}
+
+int tokens_write(const char *path, const char *text)
+{
+    char temporary[4200];
+    snprintf(temporary, sizeof temporary, "%s.tmp", path);
+    int fault = 0, fd = open(temporary, O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0600);
+    size_t n = strlen(text), at = 0;
+    while (fd >= 0 && at < n) {
+        ssize_t done = write(fd, text + at, n - at);
+        if (done < 0 && errno == EINTR) continue;
+        if (done <= 0) break;
+        at += (size_t)done;
+    }
+    if (fd < 0 || at < n || fchmod(fd, 0600) || fsync(fd)) fault = errno ? errno : EIO;
+    if (fd >= 0 && close(fd) && !fault) fault = errno;
+    if (!fault && rename(temporary, path)) fault = errno;
+    if (!fault) return sync_folder(path);
+    unlink(temporary);
+    return fault;
 }

@@ -76,6 +76,9 @@ void token_remove(struct token_store *store, struct token *token);
 int tokens_parse(const char *text, size_t n, struct token_store *out, char fault[256]);
 /* The file's text, malloc()ed; NULL without memory. */
 char *tokens_print(const struct token_store *store);
+/* Replaces the file, which its owner alone may read; it is on disk when this returns 0, else an
+ * errno. Blocks; any thread, one at a time. */
+int tokens_write(const char *path, const char *text);
 void tokens_finish(struct token_store *store);
 
 #endif

@@ -8,15 +8,12 @@
 #include "store/file_queue.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <math.h>
 #include <sodium.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <time.h>
-#include <unistd.h>
 
 static const double most_rate = 1e9;
 static const uint64_t most_quota = UINT64_C(1) << 53, most_lifetime_s = UINT64_C(1) << 40;
@@ -28,7 +25,7 @@ struct change {
     struct request_wait wait; // first
     struct file_task task;
     struct server *server;
-    char path[4096], temporary[4200];
+    char path[4096];
     char *text;
     bool revoke;
     struct token token; // another of the same name may follow a revoked one
@@ -36,36 +33,11 @@ struct change {
     unsigned closed;
 };
 
-// The error of fsync() in the folder of the file.
-static int sync_folder(const char *path)
-{
-    char folder[4096];
-    snprintf(folder, sizeof folder, "%s", path);
-    *strrchr(folder, '/') = 0;
-    int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC), fault = 0;
-    if (fd < 0 || fsync(fd)) fault = errno;
-    if (fd >= 0) close(fd);
-    return fault;
-}
-
-// Replaces the file; it is on disk when this returns 0, else an errno. On a worker.
+// On a worker.
 static int write_list(struct file_task *task)
 {
-    struct change *c = (struct change *)((char *)task - offsetof(struct change, task));
-    int fault = 0, fd = open(c->temporary, O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0600);
-    size_t n = strlen(c->text), at = 0;
-    while (fd >= 0 && at < n) {
-        ssize_t done = write(fd, c->text + at, n - at);
-        if (done < 0 && errno == EINTR) continue;
-        if (done <= 0) break;
-        at += (size_t)done;
-    }
-    if (fd < 0 || at < n || fchmod(fd, 0600) || fsync(fd)) fault = errno ? errno : EIO;
-    if (fd >= 0 && close(fd) && !fault) fault = errno;
-    if (!fault && rename(c->temporary, c->path)) fault = errno;
-    if (!fault) return sync_folder(c->path);
-    unlink(c->temporary);
-    return fault;
+    const struct change *c = (struct change *)((char *)task - offsetof(struct change, task));
+    return tokens_write(c->path, c->text);
 }
 
 static bool is_of(const struct change *c, const struct token *t)
@@ -129,7 +101,6 @@ static struct change *begin_change(struct server *server, const struct token *to
     c->revoke = revoke;
     c->token = *token;
     access_path(server->access, c->path, sizeof c->path);
-    snprintf(c->temporary, sizeof c->temporary, "%s.tmp", c->path);
     c->task.run = write_list;
     c->task.done = written;
     return c;

@@ -54,11 +54,39 @@ static void free_task(struct token_task *t)
 
 static void list_is_read(struct rooms *rooms);
 
+struct copying {
+    struct file_task task; // first
+    char *text, path[4096];
+};
+
+static int run_copy(struct file_task *task)
+{
+    const struct copying *c = (struct copying *)task;
+    return tokens_write(c->path, c->text);
+}
+
+static void copied(struct file_task *task)
+{
+    struct copying *c = (struct copying *)task;
+    if (task->status)
+        log_line(LOG_WARN, "tokens: the copy %s cannot be written: %s", c->path,
+                 strerror(task->status));
+    free(c->text);
+    free(c);
+}
+
 static void keep_copy(struct rooms *rooms, const char *text)
 {
-    char path[4096];
-    access_path(rooms->server->access, path, sizeof path);
-    file_write(rooms->server->file_queue, path, strdup(text));
+    struct copying *c = calloc(1, sizeof *c);
+    if (!c || !(c->text = strdup(text))) {
+        log_line(LOG_WARN, "tokens: the copy is left as it is: not enough memory");
+        free(c);
+        return;
+    }
+    access_path(rooms->server->access, c->path, sizeof c->path);
+    c->task.run = run_copy;
+    c->task.done = copied;
+    file_queue_add(rooms->server->file_queue, &c->task);
 }
 
 static void take_list(struct rooms *rooms, const struct room_task *task)

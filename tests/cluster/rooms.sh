@@ -97,6 +97,10 @@ for r in a b; do
     until_true 3 eval 'ask "unix:$T/$r.s" token list && ! grep -q "t[1-6] " out' || wrong "$r has a revoked token"
 done
 echo "both replicas revoke at once"
+for r in a b; do # of the list in the database
+    until_true 3 test -e "$r/tokens.json" || wrong "$r has no copy of the tokens"
+    [ "$(stat -c %a "$r/tokens.json")" = 600 ] || wrong "others may read the tokens: $(stat -c %a "$r/tokens.json")"
+done
 
 # ---- invitations
 ask "unix:$T/a.s" room invite "$room" guest --role viewer || ask "unix:$T/a.s" room invite "$room" || wrong "invite"
