@@ -131,6 +131,21 @@ static int fold_member(struct folding *f)
     return 0;
 }
 
+// In a full list one that is over makes room: it was revoked, or has expired.
+static bool invites_full(const struct folding *f)
+{
+    Relight__RoomState *s = f->state;
+    const uint64_t now_s = f->event->stamp->time_us / 1000000;
+    if (s->n_invites < ROOM_MAX_INVITES) return false;
+    for (size_t i = 0; i < s->n_invites; i++) {
+        const Relight__Invite *m = s->invites[i];
+        if (!m->revoked && !(m->expires_s && now_s >= m->expires_s)) continue;
+        list_remove(&s->invites, &s->n_invites, i);
+        return false;
+    }
+    return true;
+}
+
 static int fold_invite(struct folding *f)
 {
     const Relight__Invite *in = f->action->invite;
@@ -153,9 +168,9 @@ static int fold_invite(struct folding *f)
         if (!strcmp(s->invites[i]->id, in->id))
             return fold_fail(f, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
                              "an invitation %s is there already", in->id);
-    if (s->n_invites >= ROOM_MAX_INVITES)
-        return fold_fail(f, RELIGHT__ERROR_CODE__ERROR_LIMIT, "the room has %d invitations",
-                         ROOM_MAX_INVITES);
+    if (invites_full(f))
+        return fold_fail(f, RELIGHT__ERROR_CODE__ERROR_LIMIT,
+                         "the room has %d invitations in force: revoke one", ROOM_MAX_INVITES);
     m.stamp = f->event->stamp;
     m.revoked = false;
     return list_add(&s->invites, &s->n_invites, message_copy(&m)) ? 0 : fold_no_memory(f);

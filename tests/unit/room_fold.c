@@ -622,6 +622,42 @@ static void messages_that_are_no_use(void **unused)
     assert_false(room_message_sane(&s.base, error));
 }
 
+// Invitations that are over take no place of those in force.
+static void invitations_that_are_over(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 10);
+    struct table t = {NULL, begin(&r), 1000000};
+    Relight__Invite invite = RELIGHT__INVITE__INIT;
+    Relight__RoomAction more = RELIGHT__ROOM_ACTION__INIT, revoke = more;
+    char hash[65] = "", id[16];
+    memset(hash, 'a', 64);
+    more.invite = &invite;
+    invite.id = id;
+    invite.hash = hash;
+    invite.role = RELIGHT__ROOM_ROLE__ROLE_VIEWER;
+    for (int i = 0; i < ROOM_MAX_INVITES; i++) {
+        snprintf(id, sizeof id, "%04d", i);
+        // One ends after the others were made.
+        invite.expires_s = i == 500 ? (t.now_us + 1200 * slow) / 1000000 : 0;
+        assert_int_equal(act(&t, ANN, 3, &more), 0);
+    }
+    invite.expires_s = 0;
+    strcpy(id, "new1");
+    assert_int_equal(act(&t, ANN, 3, &more), RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    revoke.revoke = "0007";
+    assert_int_equal(act(&t, ANN, 3, &revoke), 0);
+    assert_int_equal(act(&t, ANN, 3, &more), 0);
+    assert_int_equal(t.state->n_invites, ROOM_MAX_INVITES);
+    strcpy(id, "new2");
+    assert_int_equal(act(&t, ANN, 3, &more), RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    t.now_us += 1200 * slow;
+    assert_int_equal(act(&t, ANN, 3, &more), 0);
+    assert_int_equal(room_role(t.state, "guest:new2", 0), RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    assert_int_equal(room_role(t.state, "guest:0008", 0), RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    room_state_free(t.state);
+}
+
 static void notes_and_revisions(void **unused)
 {
     struct rnd r;
@@ -887,6 +923,7 @@ int main(void)
         cmocka_unit_test(scenes_that_are_refused),
         cmocka_unit_test(messages_that_are_no_use),
         cmocka_unit_test(roles),
+        cmocka_unit_test(invitations_that_are_over),
         cmocka_unit_test(notes_and_revisions),
         cmocka_unit_test(an_erased_pin_takes_its_strokes),
         cmocka_unit_test(numbers_are_of_their_principal),
