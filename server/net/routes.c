@@ -130,6 +130,16 @@ static int set_env(ProtobufCMessage *message, const char *path, const char *text
     return message_set(message, path, named, error);
 }
 
+// Of a room's items, which are counted from 1: 0 would draw its scene.
+static int set_item(ProtobufCMessage *message, const char *path, const char *text,
+                    char error[MESSAGE_TEXT_ERROR])
+{
+    if (message_set(message, path, text, error)) return -1;
+    if (strtoull(text, NULL, 10)) return 0;
+    snprintf(error, MESSAGE_TEXT_ERROR, "expected a number from 1 on");
+    return -1;
+}
+
 // "R,G,B" is a plain background, "transparent" none.
 static int set_background(ProtobufCMessage *message, const char *path, const char *text,
                           char error[MESSAGE_TEXT_ERROR])
@@ -412,9 +422,9 @@ static bool prepare_room_events(struct exchange *x, struct http_problem *problem
 
 static bool prepare_room_image(struct exchange *x, struct http_problem *problem)
 {
-    static const struct field fields[] = {{"pin", "pin", NULL},
-                                          {"decision", "decision", NULL},
-                                          {"revision", "revision", NULL},
+    static const struct field fields[] = {{"pin", "pin", set_item},
+                                          {"decision", "decision", set_item},
+                                          {"revision", "revision", set_item},
                                           {"size", "", set_size}};
     char error[MESSAGE_TEXT_ERROR];
     if (!new_message(x, &relight__room_picture_request__descriptor, problem) ||

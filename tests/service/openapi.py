@@ -132,6 +132,9 @@ def rooms(go, d, model):
     assert go(picture, "GET", now, expect=200)[0]["x-relight-size"] == "20x10"
     for bad in ("image.jpg", "image.png?pin=77"):
         go(picture, "GET", room + "/" + bad, expect=404)
+    for item in ("pin", "decision", "revision"): # none has the number 0, which is no word for the scene
+        error = json.loads(go(picture, "GET", room + "/image.png?%s=0" % item, expect=400)[1])
+        assert error["parameter"] == item, error
 
 
 def successes(document, d):
