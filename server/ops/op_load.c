@@ -5,6 +5,7 @@
 
 #include "core/log.h"
 #include "net/dispatch.h"
+#include "store/disk.h"
 #include "store/eviction.h"
 
 #include <stdio.h>
@@ -317,7 +318,9 @@ void load_source_known(struct load *load)
     changed |= keep_source(load, m, fresh);
     if (!m->load && object_store_shared(load->server->objects)) m->load = load_packed(load);
     if (m->removed) model_revive(m);
-    if (r->name[0] || !own) changed |= model_set_name(m, load->owner, load->name);
+    // What the folder calls a client's model is the name of a version: store/versions.h.
+    bool names = own ? r->name[0] : strcmp(load->owner, DISK_NOBODY) != 0;
+    if (names) changed |= model_set_name(m, load->owner, load->name);
     m->used_ns = wall_ns();
     // One without a bake or a preview is remembered as soon as it has one.
     bool is_there = m->state == RELIGHT__MODEL_STATE__MODEL_READY || m->mesh == MESH_THERE;

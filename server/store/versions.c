@@ -5,6 +5,7 @@
 
 #include "core/log.h"
 #include "relight.pb-c.h"
+#include "store/disk.h"
 #include "store/model_files.h"
 
 #include <cjson/cJSON.h>
@@ -161,6 +162,12 @@ static void pin(struct model *m)
         cache_release(model_open(m, &code, error));
 }
 
+// A client has uploaded the same content: the model is that client's and stays.
+static bool is_uploaded(const struct model *m)
+{
+    return !m->source && strcmp(m->owner, DISK_NOBODY) != 0;
+}
+
 void version_answers(struct versions *versions, struct version *v, struct model *m)
 {
     struct model *old = NULL;
@@ -171,7 +178,7 @@ void version_answers(struct versions *versions, struct version *v, struct model 
     if (strcmp(v->model, m->id))
         log_line(LOG_EVENT, "version name=%s model=%s", v->name, m->id);
     snprintf(v->model, sizeof v->model, "%s", m->id);
-    if (old) model_supersede(old, m);
+    if (old && !is_uploaded(old)) model_supersede(old, m);
     renew(versions, name_of(versions, v));
 }
 
@@ -185,7 +192,7 @@ static void removed(struct versions *versions, struct version **at)
     *at = v->next;
     free_version(v);
     renew(versions, name);
-    if (!m || m->copy) return; // a .prt is removed with its file: imports.h
+    if (!m || m->copy || is_uploaded(m)) return; // a .prt is removed with its file: imports.h
     m->removed = true;
     // A bake in progress is for nothing.
     if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) model_unload(m, true);

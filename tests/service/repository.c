@@ -306,6 +306,35 @@ static void test_replaced_version(void **state)
     relight_close(client);
 }
 
+// A model that a client uploaded itself stays where a version has the same content.
+static void test_version_of_an_upload(void **state)
+{
+    char own[ID_SIZE], id[ID_SIZE];
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load load = {
+        .name = "mine", .size_mm = 10, .material = "marble", .preview = true};
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    OK(load_octahedron(client, &d, "o.obj", &load, &loaded, &error));
+    snprintf(own, sizeof own, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+    put_text("ball/1/model.json", preview);
+    put_shape("ball/1/o.obj", 1);
+    wait_same(client, "ball/1", own);
+    put_shape("ball/1/o.obj", 1.7); // the version has another model from here on
+    wait_for(client, "ball/1", RELIGHT_MODEL_PREVIEW, own, id);
+    put_text("ball/2/model.json", preview);
+    put_shape("ball/2/o.obj", 1);
+    wait_same(client, "ball/2", own);
+    take_away("ball/2/o.obj");
+    wait_gone(client, "ball/2");
+    assert_int_equal(state_of(client, "mine", id), RELIGHT_MODEL_PREVIEW);
+    assert_string_equal(id, own);
+    assert_int_equal(listed(client, "mine"), 1);
+    relight_close(client);
+}
+
 // Two versions of one source are one model, which stays while one of them is there.
 static void test_equal_versions(void **state)
 {
@@ -713,6 +742,7 @@ int main(void)
         TEST(test_versions),
         TEST(test_replaced_version),
         TEST(test_a_pose_stays_behind),
+        TEST(test_version_of_an_upload),
         TEST(test_equal_versions),
         TEST(test_faulty_versions),
         TEST(test_source_is_baked_again),
