@@ -276,7 +276,9 @@ static bool take_answer(struct order *o)
     // The first model of a version answers before its bake has ended, by its preview.
     if (v && (!v->model[0] || !models_get(server->models, v->model)))
         version_answers(server->versions, v, m);
-    if (!o->version && m->state != RELIGHT__MODEL_STATE__MODEL_READY && !m->replaces[0]) {
+    // One that a client uploaded, too, is that client's, whatever becomes of the file.
+    bool own = m->source && m->state != RELIGHT__MODEL_STATE__MODEL_READY;
+    if (!o->version && own && !m->replaces[0]) {
         snprintf(m->replaces, sizeof m->replaces, "%s", o->before);
         model_remember(m);
     }
@@ -301,7 +303,8 @@ static bool look_at_bake(struct order *o)
         tell(o, m->error[0] ? m->error : m->mesh_error);
         model_hold(m);
         stop_waiting(o);
-        if (!o->version) model_unload(m, true); // the earlier one keeps its names
+        // The earlier one keeps its names.
+        if (!o->version && m->replaces[0]) model_unload(m, true);
         model_release(m);
     } else if (!m->gone) {
         return true;

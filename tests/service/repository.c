@@ -383,6 +383,35 @@ static void test_faulty_versions(void **state)
     relight_close(client);
 }
 
+// A file that was loaded by its path gets the content of an upload that is being baked, and
+// then another: the bake of the upload goes on.
+static void test_source_like_an_upload(void **state)
+{
+    char first[ID_SIZE], upload[ID_SIZE], id[ID_SIZE], line[120];
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load load = small_bake(3, 2000000), own = load;
+    put_shape("o.obj", 1.5);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    load.path = "o.obj";
+    OK(relight_load(client, &load, &loaded, &error));
+    snprintf(first, sizeof first, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+    OK(load_octahedron(client, &d, "o.obj", &own, &loaded, &error));
+    snprintf(upload, sizeof upload, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+    assert_string_not_equal(first, upload);
+    put_text("o.obj", octahedron);
+    snprintf(line, sizeof line, "load model=%s name=\"o.obj\" conn=2", upload);
+    assert_true(log_says(&d, line, 20000));
+    sleep_ms(1500); // the order waits for the bake
+    put_shape("o.obj", 1.7);
+    assert_true(log_says(&d, "name=\"o.obj\" conn=3 new", 20000));
+    assert_int_equal(state_of(client, upload, id), RELIGHT_MODEL_BAKING);
+    relight_close(client);
+}
+
 // A file that a client loaded by its path is replaced: it is baked again, and requests go on
 // with the earlier model until then.
 static void test_source_is_baked_again(void **state)
@@ -745,6 +774,7 @@ int main(void)
         TEST(test_version_of_an_upload),
         TEST(test_equal_versions),
         TEST(test_faulty_versions),
+        TEST(test_source_like_an_upload),
         TEST(test_source_is_baked_again),
         TEST(test_replacement_over_a_restart),
         TEST(test_list_in_parts),
