@@ -138,6 +138,19 @@ static int write_one(struct tool *tool, const struct media *media)
     return tool_exit(tool, prt_write_file(&tool->ctx, tool->opt.out, text, (size_t)n));
 }
 
+// Keeps the medium that IN#NAME means, for the list.
+static int keep_named(struct tool *tool, struct media *media)
+{
+    const struct prt_import *chosen;
+    if (!media->name) return EXIT_DONE;
+    int status =
+        prt_import_choose(&tool->ctx, media->path, media->item, media->n, media->name, &chosen);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    media->item[0] = *chosen;
+    media->n = 1;
+    return EXIT_DONE;
+}
+
 int run_material(struct tool *tool)
 {
     struct media media = {.n = 0};
@@ -146,7 +159,7 @@ int run_material(struct tool *tool)
     int status = tool->opt.out ? check_writable(tool, tool->opt.out) : EXIT_DONE;
     if (!status) status = read_media(tool, &media);
     if (!status && tool->opt.out) status = write_one(tool, &media);
-    else if (!status) print_media(tool, &media);
+    else if (!status && !(status = keep_named(tool, &media))) print_media(tool, &media);
     prt_free(media.item);
     return status;
 }

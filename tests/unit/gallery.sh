@@ -18,6 +18,9 @@ done
 "$prt" material "$dir/plastics.glb" --json |
     python3 -c 'import json, sys; assert sum("sigma_s_prime" in m["material"] for m in json.load(sys.stdin)) == 3' ||
     { echo "FAIL: the plastics have not three media in JSON"; exit 1; }
+name=$("$prt" material "$dir/plastics.glb" | sed -n '2s/ (glTF).*//p')
+[ "$("$prt" material "$dir/plastics.glb#$name" | sed 's/ (glTF).*//')" = "$name" ] ||
+    { echo "FAIL: #$name lists other media"; exit 1; }
 "$prt" env constant:0.5,0.1,0.2 --layout latlong --size 64x32 --tone none -q -o "$dir/a.png"
 python3 "$deploy/gallery_sheet.py" 2 "$dir/a.png" "$dir/a.png" "$dir/a.png" "$dir/a.png" "$dir/sheet.png"
 "$prt" env "$dir/sheet.png" --layout latlong --size 128x64 --tone none -q -o "$dir/b.png"
