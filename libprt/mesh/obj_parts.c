@@ -150,18 +150,23 @@ static bool touch(const struct prt_draft *d, const uint16_t *of_vertex, bool *fu
 
 static void one_part(struct prt_draft *d, struct obj_parts *parts)
 {
-    bool others = false, opaque = false;
+    bool others = false, opaque = false, all = !parts->too_many;
+    char why[80] = "faces of several objects or materials share vertices";
+    if (parts->too_many)
+        snprintf(why, sizeof why, "it has more than %d objects and materials", OBJ_MOST_PARTS);
     for (uint32_t i = 0; i < parts->n; i++) {
         const struct obj_part *p = &parts->part[i];
         others |= strcmp(p->surface, parts->part[0].surface) != 0;
         opaque |= p->opaque;
+        all &= p->opaque;
     }
     if (others)
-        prt_log(
-            d->ctx, PRT_LOG_WARNING,
-            "%s: faces of several materials share vertices: it is read as one object of the "
-            "first material, \"%s\"",
-            d->name, parts->part[0].surface);
+        prt_log(d->ctx, PRT_LOG_WARNING,
+                "%s: %s: it is read as one object of the first material, \"%s\"", d->name, why,
+                parts->part[0].surface);
+    if (opaque && !all)
+        prt_log(d->ctx, PRT_LOG_WARNING, "%s: %s: an opaque part makes the whole model opaque",
+                d->name, why);
     parts->part[0].opaque = opaque;
     parts->part[0].begins_object = true;
     parts->part[0].vertex_begin = parts->part[0].triangle_begin = 0;

@@ -82,10 +82,16 @@ def objects():
         f.write('usemtl jade\nf 1 30 40\n')
     surfaces, n, said = summary('shared.obj')
     expect(surfaces == [('wax', True)] and n == 1 and 'share vertices' in said, 'shared: %s %s' % (surfaces, said))
+    expect('opaque' not in said, said)
+    for name in ('jade', 'wax'):
+        surfaces, n, said = summary('shared.obj', '--opaque', name)
+        expect(surfaces == [('wax', False)] and 'makes the whole model opaque' in said, 'shared: %s' % said)
     with open('many.obj', 'w', encoding='utf-8') as f:
         for i in range(300):
             f.write('o part%d\nv %d 0 0\nv %d 1 0\nv %d 0 1\nf -3 -2 -1\n' % (i, i, i, i))
     expect(summary('many.obj')[1] == 1, 'more parts than are told apart')
+    _, _, said = summary('many.obj', '--opaque', 'part7')
+    expect('more than 256 objects and materials: an opaque part makes the whole' in said, said)
 
 
 def variants():
