@@ -261,7 +261,7 @@ int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n)
     if (!status) status = make_tables(&g);
     if (!status) status = prt_gltf_animations(&g);
     if (!status) status = prt_gltf_variants(&g);
-    if (!status && d->animation) status = prt_gltf_pose_begin(&g);
+    if (!status && prt_gltf_needs_pose(&g)) status = prt_gltf_pose_begin(&g);
     if (!status) status = prt_gltf_walk(&g);
     if (!status) prt_gltf_settle_surfaces(&g);
     if (!status) log_notes(&g);

@@ -50,7 +50,7 @@ struct gltf {
     uint32_t *image_index; // [n_json_image][PRT_TEXTURE_N_KIND] into d->image; see gltf_image.c
     uint32_t variant;      // the chosen one of KHR_materials_variants; n_variant: none
     const struct cJSON **json_mesh; // [n_mesh] where there are variants
-    struct gltf_pose *pose;         // gltf_pose.h; NULL: the bind pose
+    struct gltf_pose *pose;         // gltf_pose.h; NULL: nothing bends
     uint32_t n_channel_skipped;
     uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat; // counts for the notes
 };

@@ -299,11 +299,23 @@ static int choose(const struct gltf *g, uint32_t *out)
     return PRT_OK;
 }
 
+bool prt_gltf_needs_pose(const struct gltf *g)
+{
+    const struct prt_gltf_document *f = &g->file;
+    if (g->d->animation) return true;
+    for (size_t i = 0; g->json && i < f->n_node; i++)
+        if (f->node[i].skin >= 0) return true;
+    for (size_t i = 0; g->json && i < f->n_mesh; i++)
+        for (size_t k = 0; k < f->mesh[i].n; k++)
+            if (f->mesh[i].primitive[k].targets) return true;
+    return false;
+}
+
 int prt_gltf_pose_begin(struct gltf *g)
 {
     uint32_t which = 0;
     size_t n, n_node = g->file.n_node;
-    int status = choose(g, &which);
+    int status = g->d->animation ? choose(g, &which) : PRT_OK;
     if (status) return status;
     struct gltf_pose *p = prt_gltf_own(g, sizeof *p);
     if (!p) return prt_gltf_no_memory(g);
@@ -316,5 +328,6 @@ int prt_gltf_pose_begin(struct gltf *g)
     if (!p->node || !p->world || !p->has_world || !p->mesh || !p->json_node || !p->skin)
         return prt_gltf_no_memory(g);
     g->pose = p;
+    if (!g->d->animation) return PRT_OK;
     return run_animation(g, cJSON_GetArrayItem(member(g->json, "animations"), (int)which));
 }

@@ -35,8 +35,10 @@ int prt_gltf_read_floats(struct gltf *g, int64_t index, unsigned n_component,
 
 // Lists the file's animations in the draft. PRT_OK.
 int prt_gltf_animations(struct gltf *g);
-// Makes g->pose of d->animation at d->animation_time, without the nodes' worlds. PRT_ARG for an
-// unknown name.
+// Whether g->pose is needed: for an animation, skins or morph targets.
+bool prt_gltf_needs_pose(const struct gltf *g);
+// Makes g->pose of d->animation at d->animation_time, or of the nodes as the file has them,
+// without the nodes' worlds. PRT_ARG for an unknown name.
 int prt_gltf_pose_begin(struct gltf *g);
 // Moves vertices [first, first + n) of a node's primitive by its morph targets and its skin;
 // *skinned: they are in world space then, with *det of the sign of their transform.

@@ -270,7 +270,7 @@ static void clamp_colors(struct gltf *g, uint32_t first, uint32_t n)
         }
 }
 
-// Vertices in the world: by the node's transform, or in a pose by their skin.
+// Vertices in the world: by the node's transform, or by their skin.
 static int place(struct gltf *g, const struct instance *at, const struct corners *c,
                  double *det)
 {

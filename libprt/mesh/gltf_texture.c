@@ -33,7 +33,8 @@ static float number_or(const cJSON *object, const char *key, double otherwise)
 char *prt_gltf_textures_copy(const struct gltf *g, const char *json, size_t n)
 {
     bool any = memmem(json, n, "\"materials\"", 11) || memmem(json, n, "\"COLOR_0\"", 9) ||
-               memmem(json, n, "\"animations\"", 12);
+               memmem(json, n, "\"animations\"", 12) || memmem(json, n, "\"skins\"", 7) ||
+               memmem(json, n, "\"targets\"", 9);
     if (!any || n > g->d->max_bytes / 8) return NULL;
     char *copy = malloc(n + 1);
     if (copy) {

@@ -27,7 +27,7 @@ struct prt_draft {
     uint32_t cap_object;
     struct prt_mesh_camera camera[PRT_MESH_MOST_CAMERAS];
     uint32_t n_camera;
-    const char *animation; // whose moment animation_time [s] is read; NULL: the bind pose
+    const char *animation; // whose moment animation_time [s] is read; NULL: at rest
     double animation_time;
     struct prt_mesh_animation animations[PRT_MESH_MOST_ANIMATIONS];
     uint32_t n_animation;

@@ -84,7 +84,7 @@ const struct option_row option_table[] = {
      "leaves alone what was baked"},
     {"animation", 0, "NAME", OPTION_TEXT, AT(animation), 0, 0, NULL, COLORS | IMAGE,
      "an animation of a glTF by its name or a unique beginning of it (prt info lists them): "
-     "nodes, skins and morph targets at --time; without it the bind pose"},
+     "nodes, skins and morph targets at --time; without it the model is at rest"},
     {"time", 0, "S", OPTION_SIGNED, AT(time_s), 0, 1e9, NULL, COLORS | IMAGE,
      "moment of the animation in seconds (default 0)"},
     {"camera", 0, "NAME|E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,

@@ -122,8 +122,8 @@ static int open_prt(struct tool *tool, struct source *source)
             source->path);
     if (o->animation)
         return usage_error(o,
-                           "%s is a .prt, which holds the bind pose alone: give --animation "
-                           "with the model's glTF",
+                           "%s is a .prt, which holds the model at rest alone: give "
+                           "--animation with the model's glTF",
                            source->path);
     if (o->texture_split > 0)
         return usage_error(o,
@@ -189,7 +189,7 @@ static void log_errors(void *user, enum prt_log_level level, const char *line)
     if (level == PRT_LOG_ERROR) prt_log(&tool->ctx, level, "%s", line);
 }
 
-// --size-mm is the size of the bind pose, whatever the moment: mm_per_unit is its scale.
+// --size-mm is the size of the model at rest, whatever the moment: mm_per_unit is its scale.
 static int scale_model(struct tool *tool, const struct source *source,
                        const struct prt_mesh_options *options)
 {

@@ -26,12 +26,16 @@ def vertices(path, *args):
     head, body = json.loads(data[20:20 + n]), data[28 + n:]
     out = []
     for name in ('POSITION', 'NORMAL'):
-        which = head['meshes'][0]['primitives'][0]['attributes'].get(name)
-        if which is None:
-            continue
-        a = head['accessors'][which]
-        at = head['bufferViews'][a['bufferView']].get('byteOffset', 0) + a.get('byteOffset', 0)
-        out.append([struct.unpack('<3f', body[at + 12 * i:at + 12 * i + 12]) for i in range(a['count'])])
+        values = []
+        for primitive in (p for mesh in head['meshes'] for p in mesh['primitives']):
+            which = primitive['attributes'].get(name)
+            if which is None:
+                continue
+            a = head['accessors'][which]
+            at = head['bufferViews'][a['bufferView']].get('byteOffset', 0) + a.get('byteOffset', 0)
+            values += [struct.unpack('<3f', body[at + 12 * i:at + 12 * i + 12]) for i in range(a['count'])]
+        if values:
+            out.append(values)
     return out
 
 
@@ -147,6 +151,24 @@ def names():
         near(got[0], [(p[0] + k + 1, p[1], p[2]) for p in model.position], 'the animation %s' % name)
 
 
+def at_rest():
+    """Without an animation a skinned mesh stands where its joints have it, and morph targets have the file's weights."""
+    model = animated.bar(node_translation=(5, 5, 5))
+    model.data['nodes'][2]['scale'] = [3, 3, 3]
+    model.data['nodes'][1]['rotation'] = animated.quaternion(90)
+    for animations in (model.data['animations'], None):
+        if animations is None:
+            del model.data['animations']
+        model.write('rest.gltf')
+        near(vertices('rest.gltf')[0], [[(1 - u) * x + u * y for x, y in zip(p, turn(p, (0, 10, 0), 90))]
+                                        for p, u in zip(model.position, model.upper)], 'a skin without an animation')
+    model = animated.ball_that_grows()
+    model.data['meshes'][0]['weights'] = [0.5]
+    del model.data['animations']
+    model.write('rest.gltf')
+    near(vertices('rest.gltf')[0], [[1.5 * x for x in p] for p in model.position], 'a weight without an animation')
+
+
 def weights_of():
     """A morph target's weight is the animation's, else the node's, else the mesh's, else 0."""
     for mesh, node, animated_to, want in ((0.5, None, None, 0.5), (0.5, 0.25, None, 0.25), (0.5, 0.25, 1, 1),
@@ -241,4 +263,4 @@ def damaged():
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
 
 
-main(bar, long_way, spline, morph, sizes, nested, names, weights_of, tool, damaged)
+main(bar, long_way, spline, morph, sizes, nested, names, at_rest, weights_of, tool, damaged)

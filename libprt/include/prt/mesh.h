@@ -135,7 +135,7 @@ struct prt_mesh_options {
     bool in_process;           /* parse without a child process (fuzzers only) */
     bool no_textures;          /* read no images, TEXCOORD sets above 0 and vertex colours */
     /* A glTF's vertices in a moment of this animation, or of the only one whose name begins so;
-     * times before its first and after its last key have their values. NULL: the bind pose. */
+     * times before its first and after its last key have their values. NULL: at rest. */
     const char *animation;
     double time_s;
     const char
