@@ -120,10 +120,10 @@ static int open_prt(struct tool *tool, struct source *source)
             "%s is a .prt, which carries its own scale, axes and surfaces: leave "
             "--size-mm, --mm-per-unit, --up, --flip-v and --opaque out",
             source->path);
-    if (o->animation)
+    if (o->animation || o->time_s > 0)
         return usage_error(o,
                            "%s is a .prt, which holds the model at rest alone: give "
-                           "--animation with the model's glTF",
+                           "--animation and --time with the model's glTF",
                            source->path);
     if (o->texture_split > 0)
         return usage_error(o,

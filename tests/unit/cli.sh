@@ -234,6 +234,7 @@ check grep -Eq '"mean_rank":([0-9.]+),.*"cluster_rank":\{"min":[0-9]+,"mean":\1,
 expect 2 'leave --material out' "$prt" colors ball.prt --material skin1 --env constant -o x.csv
 expect 2 'baked for --engine wavelet' "$prt" colors ball.prt --engine joint --env constant -o x.csv
 expect 2 'carries its own scale' "$prt" colors ball.prt --size-mm 20 --env constant -o x.csv
+expect 2 'the model at rest alone' "$prt" colors ball.prt --time 1 --env constant -o x.csv
 expect 2 'flip-v' "$prt" colors ball.prt --flip-v --env constant -o x.csv
 expect 2 'reference only' "$prt" colors ball.prt --cube 32 --env constant -o x.csv
 expect 0 'traced again' "$prt" colors ball.prt --env constant --term irradiance $quick -o e2.csv
