@@ -20,6 +20,7 @@ static const char *const supported[] = {
     "EXT_texture_webp",
     "EXT_texture_avif",
     "MSFT_texture_dds",
+    "EXT_mesh_gpu_instancing",
     "KHR_lights_punctual",
     "KHR_animation_pointer",
     "KHR_materials_", // a prefix: all of these

@@ -51,6 +51,7 @@ struct gltf {
     uint32_t variant;      // the chosen one of KHR_materials_variants; n_variant: none
     const struct cJSON **json_mesh; // [n_mesh] where there are variants
     struct gltf_pose *pose;         // gltf_pose.h; NULL: nothing bends
+    bool instances;                 // EXT_mesh_gpu_instancing is named
     uint32_t n_channel_skipped;
     uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat; // counts for the notes
 };

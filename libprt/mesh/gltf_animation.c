@@ -302,7 +302,7 @@ static int choose(const struct gltf *g, uint32_t *out)
 bool prt_gltf_needs_pose(const struct gltf *g)
 {
     const struct prt_gltf_document *f = &g->file;
-    if (g->d->animation) return true;
+    if (g->d->animation || g->instances) return true;
     for (size_t i = 0; g->json && i < f->n_node; i++)
         if (f->node[i].skin >= 0) return true;
     for (size_t i = 0; g->json && i < f->n_mesh; i++)

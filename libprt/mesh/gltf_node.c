@@ -3,6 +3,7 @@
 #include "gltf_pose.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { SPARE_VISITS = 1000 }; // chosen, not measured: instances beyond four a node
@@ -26,6 +27,25 @@ static int numbers(const struct gltf *g, size_t node, const char *what,
     return PRT_OK;
 }
 
+// Translation, rotation and scale as a matrix; false where q has no length.
+static bool compose(const double t[3], const double q[4], const double s[3], double m[16])
+{
+    const double l = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(l > 1e-9 && l < 1e9)) return false;
+    const double x = q[0] / l, y = q[1] / l, z = q[2] / l, w = q[3] / l;
+    const double r[9] = {
+        1 - 2 * (y * y + z * z), 2 * (x * y + z * w),     2 * (x * z - y * w),
+        2 * (x * y - z * w),     1 - 2 * (x * x + z * z), 2 * (y * z + x * w),
+        2 * (x * z + y * w),     2 * (y * z - x * w),     1 - 2 * (x * x + y * y)};
+    for (int c = 0; c < 3; c++) {
+        for (int k = 0; k < 3; k++) m[c * 4 + k] = r[c * 3 + k] * s[c];
+        m[c * 4 + 3] = 0;
+        m[12 + c] = t[c];
+    }
+    m[15] = 1;
+    return true;
+}
+
 static int local_matrix(const struct gltf *g, size_t index, double m[16])
 {
     double t[3] = {0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
@@ -41,21 +61,8 @@ static int local_matrix(const struct gltf *g, size_t index, double m[16])
     if (moves && moment->has_t) memcpy(t, moment->t, sizeof t);
     if (moves && moment->has_r) memcpy(q, moment->r, sizeof q);
     if (moves && moment->has_s) memcpy(s, moment->s, sizeof s);
-    double l = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    if (!(l > 1e-9 && l < 1e9))
-        return prt_gltf_bad(g, "node %zu: its rotation has no length", index);
-    double x = q[0] / l, y = q[1] / l, z = q[2] / l, w = q[3] / l;
-    const double r[9] = {
-        1 - 2 * (y * y + z * z), 2 * (x * y + z * w),     2 * (x * z - y * w),
-        2 * (x * y - z * w),     1 - 2 * (x * x + z * z), 2 * (y * z + x * w),
-        2 * (x * z + y * w),     2 * (y * z - x * w),     1 - 2 * (x * x + y * y)};
-    for (int c = 0; c < 3; c++) {
-        for (int k = 0; k < 3; k++) m[c * 4 + k] = r[c * 3 + k] * s[c];
-        m[c * 4 + 3] = 0;
-        m[12 + c] = t[c];
-    }
-    m[15] = 1;
-    return PRT_OK;
+    return compose(t, q, s, m) ? PRT_OK
+                               : prt_gltf_bad(g, "node %zu: its rotation has no length", index);
 }
 
 struct visit {
@@ -70,11 +77,73 @@ struct walk {
     int (*enter)(struct gltf *g, size_t node, const double *world);
 };
 
+// ---- EXT_mesh_gpu_instancing
+
+// The places of a node's instances: [n][3], [n][4] and [n][3], or NULL.
+struct places {
+    float *t, *q, *s;
+    uint64_t n;
+};
+
+static const cJSON *instances_of(const struct gltf *g, size_t node)
+{
+    const cJSON *json = g->pose ? g->pose->json_node[node] : NULL;
+    const cJSON *own = cJSON_GetObjectItemCaseSensitive(
+        cJSON_GetObjectItemCaseSensitive(json, "extensions"), "EXT_mesh_gpu_instancing");
+    return cJSON_GetObjectItemCaseSensitive(own, "attributes");
+}
+
+// One attribute; NULL where the node has none.
+static int read_places(struct gltf *g, size_t node, const char *key, unsigned n_component,
+                       struct places *p, float **out)
+{
+    const cJSON *attributes = instances_of(g, node);
+    struct gltf_accessor a;
+    if (!cJSON_GetObjectItemCaseSensitive(attributes, key)) return PRT_OK;
+    int status = prt_gltf_read_floats(g, prt_gltf_whole(attributes, key), n_component, &a, out);
+    if (!status && p->n && a.count != p->n)
+        status = prt_gltf_bad(g, "node %zu: its instances have %llu %s of %llu", node,
+                              (unsigned long long)a.count, key, (unsigned long long)p->n);
+    if (!status) p->n = a.count;
+    return status;
+}
+
+static int place_instance(struct gltf *g, size_t node, const double *world,
+                          const struct places *p, uint64_t i)
+{
+    double t[3] = {0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1}, m[16], own[16];
+    for (int c = 0; c < 3 && p->t; c++) t[c] = (double)p->t[3 * i + (unsigned)c];
+    for (int c = 0; c < 4 && p->q; c++) q[c] = (double)p->q[4 * i + (unsigned)c];
+    for (int c = 0; c < 3 && p->s; c++) s[c] = (double)p->s[3 * i + (unsigned)c];
+    if (!compose(t, q, s, m))
+        return prt_gltf_bad(g, "node %zu: the rotation of instance %llu has no length", node,
+                            (unsigned long long)i);
+    multiply(world, m, own);
+    return prt_gltf_instance(g, node, own);
+}
+
+// The node's mesh once for each instance; a skin places the mesh itself.
+static int enter_instances(struct gltf *g, size_t node, const double *world)
+{
+    struct places p = {0};
+    int status = read_places(g, node, "TRANSLATION", 3, &p, &p.t);
+    if (!status) status = read_places(g, node, "ROTATION", 4, &p, &p.q);
+    if (!status) status = read_places(g, node, "SCALE", 3, &p, &p.s);
+    for (uint64_t i = 0; i < p.n && !status; i++)
+        status = place_instance(g, node, world, &p, i);
+    free(p.t);
+    free(p.q);
+    free(p.s);
+    return status || p.n ? status : prt_gltf_instance(g, node, world);
+}
+
 // Cameras and meshes.
 static int enter_node(struct gltf *g, size_t node, const double *world)
 {
-    prt_gltf_add_camera(g, &g->file.node[node], world);
-    return prt_gltf_instance(g, node, world);
+    const struct prt_gltf_node *own = &g->file.node[node];
+    prt_gltf_add_camera(g, own, world);
+    return own->mesh >= 0 && own->skin < 0 ? enter_instances(g, node, world)
+                                           : prt_gltf_instance(g, node, world);
 }
 
 // Skins need the worlds of all their joints before the first mesh; a node with several parents

@@ -35,7 +35,7 @@ int prt_gltf_read_floats(struct gltf *g, int64_t index, unsigned n_component,
 
 // Lists the file's animations in the draft. PRT_OK.
 int prt_gltf_animations(struct gltf *g);
-// Whether g->pose is needed: for an animation, skins or morph targets.
+// Whether g->pose is needed: for an animation, skins, morph targets or instances.
 bool prt_gltf_needs_pose(const struct gltf *g);
 // Makes g->pose of d->animation at d->animation_time, or of the nodes as the file has them,
 // without the nodes' worlds. PRT_ARG for an unknown name.

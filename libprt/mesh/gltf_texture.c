@@ -34,7 +34,8 @@ char *prt_gltf_textures_copy(const struct gltf *g, const char *json, size_t n)
 {
     bool any = memmem(json, n, "\"materials\"", 11) || memmem(json, n, "\"COLOR_0\"", 9) ||
                memmem(json, n, "\"animations\"", 12) || memmem(json, n, "\"skins\"", 7) ||
-               memmem(json, n, "\"targets\"", 9);
+               memmem(json, n, "\"targets\"", 9) ||
+               memmem(json, n, "\"EXT_mesh_gpu_instancing\"", 25);
     if (!any || n > g->d->max_bytes / 8) return NULL;
     char *copy = malloc(n + 1);
     if (copy) {
@@ -66,6 +67,7 @@ static uint32_t most_set(const cJSON *node)
 int prt_gltf_textures_begin(struct gltf *g, char *copy, size_t n)
 {
     if (!copy) return PRT_OK;
+    g->instances = memmem(copy, n, "\"EXT_mesh_gpu_instancing\"", 25) != NULL;
     g->d->has_color = !g->d->no_textures && memmem(copy, n, "\"COLOR_0\"", 9) != NULL;
     g->json = cJSON_ParseWithLength(copy, n);
     free(copy);

@@ -169,6 +169,33 @@ def at_rest():
     near(vertices('rest.gltf')[0], [[1.5 * x for x in p] for p in model.position], 'a weight without an animation')
 
 
+def instances():
+    """EXT_mesh_gpu_instancing: the mesh once for each place, below the node's own transform."""
+    for scale in (None, [(1, 1, 1), (2, 2, 2), (1, 3, 1)]):
+        model = animated.plain()
+        places = [(0, 0, 0), (10, 0, 0), (0, 20, 0)]
+        attributes = {'TRANSLATION': model.accessor('VEC3', animated.FLOAT, places),
+                      'ROTATION': model.accessor('VEC4', animated.FLOAT, [animated.quaternion(90 * i) for i in range(3)])}
+        if scale:
+            attributes['SCALE'] = model.accessor('VEC3', animated.FLOAT, scale)
+        model.data['nodes'][0].update(translation=[1, 2, 3],
+                                      extensions={'EXT_mesh_gpu_instancing': {'attributes': attributes}})
+        model.data['extensionsUsed'] = model.data['extensionsRequired'] = ['EXT_mesh_gpu_instancing']
+        model.write('many.gltf')
+        want = []
+        for i, (x, y, z) in enumerate(places):
+            size = scale[i] if scale else (1, 1, 1)
+            for p in model.position:
+                q = turn([a * s for a, s in zip(p, size)], (0, 0, 0), 90 * i)
+                want.append((q[0] + x + 1, q[1] + y + 2, q[2] + z + 3))
+        near(vertices('many.gltf')[0], want, 'instances')
+        expect(json.loads(prt('info', 'many.gltf', '--json').stdout)['mesh']['objects'] == 3, 'three objects')
+    model.data['accessors'][attributes['SCALE']]['count'] = 2
+    model.write('many.gltf')
+    said = prt('info', 'many.gltf', status=1).said
+    expect('instances have 2 SCALE of 3' in said, said)
+
+
 def weights_of():
     """A morph target's weight is the animation's, else the node's, else the mesh's, else 0."""
     for mesh, node, animated_to, want in ((0.5, None, None, 0.5), (0.5, 0.25, None, 0.25), (0.5, 0.25, 1, 1),
@@ -263,4 +290,4 @@ def damaged():
     change('does not exist', lambda m: attribute(m).pop('WEIGHTS_0'))
 
 
-main(bar, long_way, spline, morph, sizes, nested, names, at_rest, weights_of, tool, damaged)
+main(bar, long_way, spline, morph, sizes, nested, names, at_rest, instances, weights_of, tool, damaged)
