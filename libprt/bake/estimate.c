@@ -287,10 +287,10 @@ static double measuring(const struct demand *d)
     return (double)making + n * 12 * MEASURE_LIGHTS + d->vertices * 12;
 }
 
-// Embree's tree with what it takes to build it, the mesh and the file it came from.
+// Embree's tree with what it takes to build it, the mesh and the file it came from, textures.
 static double model_bytes(const struct prt_mesh *mesh)
 {
-    return mesh->n_vertex * 150.0 + mesh->n_triangle * 350.0;
+    return mesh->n_vertex * 150.0 + mesh->n_triangle * 350.0 + (double)mesh->texel_bytes;
 }
 
 // ---- time

@@ -255,6 +255,19 @@ static void little_memory(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// The textures of a model are held while it is baked.
+static void textures_need_memory(void **state)
+{
+    struct prt_mesh *mesh = scene();
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
+    uint64_t plain, textured;
+    assert_int_equal(prt_bake_memory(&context, mesh, &o, &plain), PRT_OK);
+    mesh->texel_bytes = 1 << 30;
+    assert_int_equal(prt_bake_memory(&context, mesh, &o, &textured), PRT_OK);
+    assert_true(textured >= plain + (1 << 30));
+    prt_mesh_destroy(mesh);
+}
+
 int main(void)
 {
     if (!bake_files_begin()) return 1;
@@ -270,6 +283,7 @@ int main(void)
         cmocka_unit_test(checkpoints_that_do_not_help),
         cmocka_unit_test(damage_where_rows_are_removed),
         cmocka_unit_test(little_memory),
+        cmocka_unit_test(textures_need_memory),
     };
     return run_physics_tests(tests, NULL, bake_files_end);
 }
