@@ -90,6 +90,15 @@ test("the list of rooms is read again", async () => {
   expect(here.rooms.value).toEqual([]);
 });
 
+test("a list of rooms that is not whole says so", async () => {
+  daemon.answer = () => ({ rooms: [{ room: "new" }], more: true });
+  await session.listRooms();
+  expect(here.roomsMore.value).toBe(true);
+  daemon.answer = () => ({ rooms: [], more: false });
+  await session.listRooms();
+  expect(here.roomsMore.value).toBe(false);
+});
+
 test("a change in a room is sent again, with the same number", async () => {
   here.roomId.value = "r1";
   daemon.asked = [];

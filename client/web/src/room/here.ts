@@ -16,6 +16,8 @@ const SEEN_KEY = "relight-room-seen";
 const COLORS = [0xe0714f, 0x4f9be0, 0x59b36a, 0xc77bd6, 0xd9a92f, 0x3fb5ae];
 
 export const rooms = signal<RoomSummary[] | null>(null);
+/** Whether there are rooms of older changes that the list does not have. */
+export const roomsMore = signal(false);
 export const roomId = signal(new URLSearchParams(location.search).get("room") ?? "");
 export const state = signal<RoomState | null>(null);
 export const role = signal(RoomRole.ROLE_NONE);

@@ -56,6 +56,7 @@ import {
   role,
   roomId,
   rooms,
+  roomsMore,
   seat,
   state,
 } from "./here";
@@ -86,6 +87,7 @@ export async function listRooms(): Promise<void> {
     });
     if (mine !== listing) return; // a newer one was asked for meanwhile
     rooms.value = message.rooms;
+    roomsMore.value = message.more;
     fine(ROOMS);
   } catch (error) {
     if (client.hello && mine === listing) fault(error, ROOMS);

@@ -18,6 +18,7 @@ import {
   people,
   role,
   rooms,
+  roomsMore,
   setName,
   state,
   unread,
@@ -104,6 +105,12 @@ export function Rooms({ close }: { close: () => void }) {
           </li>
         ))}
         {rooms.value?.length === 0 && <li class="hint">There is no room yet.</li>}
+        {roomsMore.value && (
+          <li class="hint">
+            These are the {all.length} rooms that changed last. A link to an older room opens
+            it.
+          </li>
+        )}
       </ul>
       <NewRoom made={close} />
     </Drawer>
