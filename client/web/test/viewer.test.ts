@@ -19,7 +19,7 @@ import { RelightError } from "../src/protocol/errors";
 import { Type } from "../src/protocol/frame";
 import type { Client } from "../src/protocol/client";
 import type { Stage } from "../src/scene/stage";
-import { Viewer } from "../src/scene/viewer";
+import { Viewer, type Status } from "../src/scene/viewer";
 import { FIRST, FIRST_LAMP } from "../src/state/scene-state";
 
 type Ended = (error: Error | null) => void;
@@ -39,7 +39,11 @@ const fakeCanvas = (clientWidth = 64, clientHeight = 64) =>
   Object.assign(new EventTarget(), { clientWidth, clientHeight }) as HTMLCanvasElement;
 
 // A viewer of a daemon whose models all bake; what it watches and cancels.
-function rig(refusals: RelightError[] = [], state = ModelState.MODEL_BAKING) {
+function rig(
+  refusals: RelightError[] = [],
+  state = ModelState.MODEL_BAKING,
+  stage: Stage | null = null,
+) {
   const faults: { text: string; again: boolean }[] = [];
   const views: ((error: Error) => void)[] = [];
   const opened: ViewChange[] = [];
@@ -93,14 +97,15 @@ function rig(refusals: RelightError[] = [], state = ModelState.MODEL_BAKING) {
   };
   const canvas = fakeCanvas(64, 48);
   const drawn: unknown[] = [];
+  const said: Status[] = [];
   const pictureCanvas = {
     clientWidth: 0,
     clientHeight: 0,
     hidden: true,
     getContext: () => ({ drawImage: (one: { of: string }) => drawn.push(one.of) }),
   } as unknown as HTMLCanvasElement;
-  const viewer = new Viewer(client as unknown as Client, { canvas, pictureCanvas }, null, {
-    status: () => undefined,
+  const viewer = new Viewer(client as unknown as Client, { canvas, pictureCanvas }, stage, {
+    status: (status) => said.push(status),
     info: () => undefined,
     fault: (error, again = false) => {
       if (!(error instanceof RelightError)) throw error;
@@ -117,7 +122,8 @@ function rig(refusals: RelightError[] = [], state = ModelState.MODEL_BAKING) {
     viewer.show(scene(model));
     await new Promise((done) => setTimeout(done, 10));
   };
-  const rest = { stills, watches, pictureCanvas, drawn, framed, opened, changes, refused };
+  const pictures = { stills, pictureCanvas, drawn, framed, opened };
+  const rest = { ...pictures, client, said, watches, changes, refused };
   return { viewer, show, scene, watched, cancelled, faults, views, ...rest };
 }
 
@@ -298,6 +304,21 @@ test("the picture goes with its model", async () => {
   expect(pictureCanvas.hidden).toBe(true);
   viewer.close();
   vi.unstubAllGlobals();
+});
+
+test("words say whether the preview or a draft of the bake is drawn", async () => {
+  const stage = new Proxy({}, { get: () => () => undefined }) as Stage; // it draws nothing
+  const { show, viewer, framed, said } = rig([], ModelState.MODEL_BAKING, stage);
+  await show("a");
+  const words = (frame: bigint, draft: boolean) => {
+    const message = create(ViewFrameSchema, { frame, equal: true, image: { cost: { draft } } });
+    framed[0]?.({ message, payload: new Uint8Array(0) });
+    return said.at(-1)?.why;
+  };
+  expect(words(1n, false)).toMatch(/^No bake yet/);
+  expect(words(2n, true)).toMatch(/its draft/);
+  expect(words(3n, false)).toMatch(/its draft/); // the bake itself, before the mesh is here
+  viewer.close();
 });
 
 test("a still is of the model that is opened, and of none that was refused", async () => {

@@ -93,6 +93,10 @@ const ENGINES: Record<number, string> = {
   [Engine.HYBRID]: "hybrid",
 };
 
+// What is drawn of a model that is not baked.
+const NO_BAKE = "No bake yet: the daemon draws a preview.";
+const DRAFT = "The bake is not done: the daemon draws its draft.";
+
 export class Viewer {
   readonly canvas: HTMLCanvasElement;
   readonly pictureCanvas: HTMLCanvasElement;
@@ -497,9 +501,14 @@ export class Viewer {
         ? "This browser has no WebGL 2: the daemon draws the pictures."
         : info.stale
           ? "The vertices moved: pictures are drawn without the bake."
-          : "No bake yet: the daemon draws a preview.";
+          : NO_BAKE;
+    let drafted = false; // a draft of the bake has answered
     this.view = new LightView(this.client, info.model, colors, first, payload, {
-      frame: (frame, bytes, latency) => this.received(frame, bytes, latency, colors, why),
+      frame: (frame, bytes, latency) => {
+        drafted ||= frame.image?.cost?.draft ?? false;
+        const now = drafted && why === NO_BAKE ? DRAFT : why;
+        this.received(frame, bytes, latency, colors, now);
+      },
       error: (error) => this.failed(error),
     });
     this.view.useLevels(!colors || isCoefficients(wanted.options.colorFormat));
