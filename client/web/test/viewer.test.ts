@@ -15,7 +15,7 @@ import {
   ViewFrameSchema,
   type ViewFrame,
 } from "../src/gen/relight_pb";
-import { RelightError } from "../src/protocol/errors";
+import { DisconnectedError, RelightError } from "../src/protocol/errors";
 import { Type } from "../src/protocol/frame";
 import type { Client } from "../src/protocol/client";
 import type { Stage } from "../src/scene/stage";
@@ -68,7 +68,7 @@ function rig(
     return new Promise((done) => setTimeout(() => done(answer), 1));
   };
   const client = {
-    hello: {},
+    hello: {} as object | null,
     has: () => false,
     can: () => true,
     notify: () => undefined,
@@ -158,6 +158,18 @@ test("a bake that cannot be followed is tried again after a pause, its end at on
   viewer.close();
   await wait(400);
   expect(watched.length).toBe(4);
+});
+
+test("a bake that may have ended while the connection was lost is not shown", async () => {
+  const { show, client, watches, said, viewer } = rig();
+  await show("a");
+  const running = create(ProgressSchema, { state: JobState.JOB_RUNNING, fraction: 0.5 });
+  watches[0]?.answered({ message: running });
+  expect(said.at(-1)?.progress?.fraction).toBe(0.5);
+  client.hello = null;
+  watches[0]?.ended(new DisconnectedError());
+  expect(said.at(-1)?.progress).toBeNull();
+  viewer.close();
 });
 
 test("a bake that somebody else begins is followed, and opened where it was missed", async () => {

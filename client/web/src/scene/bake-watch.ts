@@ -67,6 +67,7 @@ export class BakeWatch {
   private end(): void {
     this.request = 0n;
     if (this.client.hello) this.events.ended();
+    else this.events.progress(null); // it may end before the connection is back
   }
 
   async cancel(job: string): Promise<void> {
