@@ -50,9 +50,12 @@ function compiles(source) {
 }
 
 try {
-  execFileSync(process.execPath, [join(web, "scripts/package.mjs"), "--out", built], {
-    stdio: "inherit",
-  });
+  const said = execFileSync(
+    process.execPath,
+    [join(web, "scripts/package.mjs"), "--out", built],
+    { stdio: ["inherit", "pipe", "inherit"] },
+  );
+  assert.ok(String(said).includes(built), "it says where the package is");
   const pack = packed();
   const names = pack.files.map(({ path }) => path);
   for (const wanted of [

@@ -69,3 +69,4 @@ copyFileSync(join(web, "../../LICENSE"), join(out, "LICENSE"));
 mkdirSync(join(out, "examples"));
 for (const file of ["embed.html", "client.html"])
   copyFileSync(join(web, "examples", file), join(out, "examples", file));
+console.log(`package: relight-viewer ${own.version} is in ${out}`);
