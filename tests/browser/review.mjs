@@ -103,6 +103,25 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.context().close();
     },
 
+    async "side by side, pins lie on the model of A"(home) {
+      const ann = await begin(home, "Ann", "Beside");
+      await ann.getByRole("tab", { name: "View", exact: true }).click();
+      await ann.getByRole("button", { name: "Keep this as B" }).click();
+      await ann.getByRole("radio", { name: "Side by side" }).click();
+      await ann.waitForFunction(
+        () => {
+          const [pins, a] = [".pins-over", ".pane.a"].map((one) =>
+            document.querySelector(one).getBoundingClientRect(),
+          );
+          return pins.left === a.left && Math.abs(pins.width - a.width) < 1;
+        },
+        null,
+        { timeout: 30_000 },
+      );
+      await shot(ann, "room-beside");
+      await ann.context().close();
+    },
+
     async "an invitation and a decision that are pressed twice are one"(home) {
       const twice = (button) => button.evaluate((node) => [node.click(), node.click()]);
       const ann = await begin(home, "Ann", "Twice");
