@@ -67,18 +67,43 @@ export const noteFrames = (page) =>
     };
   });
 
-/** Turns the light by a drag until `enough` holds of the frames, which are returned; for 1500 moves
+// The page itself moves the mouse that is down. A hand that comes through the browser's protocol waits
+// for an answer to each move: on a busy machine for longer than a frame takes, and then no two states
+// overlap.
+const moveByItself = (page) =>
+  page.evaluate(() => {
+    let n = 0;
+    globalThis.hand = setInterval(
+      () =>
+        document.querySelector(".stage").dispatchEvent(
+          new PointerEvent("pointermove", {
+            pointerId: 1, // the mouse
+            clientX: 150 + (n++ % 120),
+            clientY: 150,
+            buttons: 1,
+            shiftKey: true,
+            bubbles: true,
+          }),
+        ),
+      8,
+    );
+  });
+
+/** Turns the light by a drag until `enough` holds of the frames, which are returned; for two minutes
  * at most. noteFrames() comes first. */
 export async function turnUntil(page, enough) {
   const seen = await page.evaluate(() => globalThis.frames.length);
   await page.keyboard.down("Shift");
   await page.mouse.move(150, 150);
   await page.mouse.down();
+  await moveByItself(page);
+  const end = Date.now() + 120_000;
   let frames = [];
-  for (let i = 0; i < 1500 && !enough(frames); i++) {
-    await page.mouse.move(150 + (i % 120), 150);
+  while (Date.now() < end && !enough(frames)) {
+    await page.waitForTimeout(50);
     frames = await page.evaluate((n) => globalThis.frames.slice(n), seen);
   }
+  await page.evaluate(() => clearInterval(globalThis.hand));
   await page.mouse.up();
   await page.keyboard.up("Shift");
   return frames;
