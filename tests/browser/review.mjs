@@ -230,6 +230,15 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await words.waitFor(PATIENCE);
       assert.ok(Number(/mean ([\d.]+)/.exec(await words.textContent())[1]) > 0.1);
       await shot(ann, "room-difference");
+      // The keys of the room rest, and so does the page behind.
+      await ann.keyboard.press("p");
+      await ann.keyboard.press("a");
+      assert.equal(await ann.getByText("Click on the model where the pin goes.").count(), 0);
+      assert.equal(
+        await ann.locator(".room-bar button", { hasText: "Back to all" }).count(),
+        0,
+      );
+      assert.equal(await ann.getByRole("button", { name: "Look alone" }).count(), 0);
       // A revision with itself.
       await dialog.getByLabel("B", { exact: true }).selectOption("1");
       await dialog.getByText(/ΔE₀₀ mean 0\.00, most 0\.0/).waitFor(PATIENCE);

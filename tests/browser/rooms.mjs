@@ -244,7 +244,14 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
       await ann.emulateMedia({ media: "print" });
       await shot(ann, "room-print");
       await ann.emulateMedia({ media: null });
-      await ann.getByRole("button", { name: "Back to the room" }).click();
+      await ann.keyboard.press("a"); // the keys of the room rest
+      assert.equal(
+        await ann.locator(".room-bar button", { hasText: "Back to all" }).count(),
+        0,
+      );
+      await ann.keyboard.press("Escape");
+      await ann.locator(".print").waitFor({ ...PATIENCE, state: "detached" });
+      await ann.getByRole("button", { name: "Look alone" }).waitFor(PATIENCE);
 
       await ann.context().close();
       await bob.context().close();

@@ -13,7 +13,7 @@ import { MaterialPanel } from "./material-panel";
 import { Models, UploadSettings } from "./models";
 import { Pins } from "./pins";
 import { PrintView, ReviewPanel } from "./review-panel";
-import { tab } from "./review-state";
+import { covered, tab } from "./review-state";
 import { RevisionCompare } from "./revisions";
 import { RoomBar, Rooms, RoomsButton } from "./rooms";
 import { StageView } from "./stage-view";
@@ -310,7 +310,7 @@ function useDrops(over: { value: boolean }): void {
       (event) => {
         if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
         if (event.target instanceof HTMLInputElement && event.target.type !== "range") return;
-        if (event.target instanceof HTMLTextAreaElement) return;
+        if (event.target instanceof HTMLTextAreaElement || covered.value) return;
         event.preventDefault();
         if (event.shiftKey) redo();
         else undo();
@@ -365,7 +365,7 @@ export function App() {
   };
   return (
     <div class="app">
-      <header class="top">
+      <header class="top" inert={covered.value}>
         <span class="brand">
           <img src="/favicon.svg" alt="" width={22} height={22} />
           Relight
@@ -404,7 +404,7 @@ export function App() {
           onClick={share}
         />
       </header>
-      <main onPointerDownCapture={() => (turning.value = false)}>
+      <main inert={covered.value} onPointerDownCapture={() => (turning.value = false)}>
         <StageView />
         {inRoom && <Pins />}
         <RoomBar />
@@ -424,9 +424,9 @@ export function App() {
       </main>
       <PrintView />
       {inRoom && <RevisionCompare />}
-      {drawer.value === "rooms" && <Rooms close={close} />}
-      {drawer.value === "models" && <Models close={close} />}
-      <aside class="panel" aria-label="Settings">
+      {drawer.value === "rooms" && !covered.value && <Rooms close={close} />}
+      {drawer.value === "models" && !covered.value && <Models close={close} />}
+      <aside class="panel" aria-label="Settings" inert={covered.value}>
         <div class="tabs" role="tablist" aria-label="Settings">
           {tabs.map((one) => (
             <button

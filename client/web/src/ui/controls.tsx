@@ -19,6 +19,17 @@ export function Section(props: {
   );
 }
 
+/** Escape closes what is there. */
+export function useEscape(isThere: boolean, close: () => void): void {
+  useEffect(() => {
+    if (!isThere) return undefined;
+    const stop = new AbortController();
+    const { signal } = stop;
+    addEventListener("keydown", (event) => event.key === "Escape" && close(), { signal });
+    return () => stop.abort();
+  }, [isThere]);
+}
+
 /** A list beside the picture, over it; Escape closes it. */
 export function Drawer(props: {
   title: string;
@@ -28,12 +39,7 @@ export function Drawer(props: {
   children: ComponentChildren;
 }) {
   const { title, closeLabel, close } = props;
-  useEffect(() => {
-    const stop = new AbortController();
-    const { signal } = stop;
-    addEventListener("keydown", (event) => event.key === "Escape" && close(), { signal });
-    return () => stop.abort();
-  }, []);
+  useEscape(true, close);
   return (
     <aside class="drawer" aria-label={title}>
       <header>

@@ -20,7 +20,7 @@ import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
 import { stands, verdict } from "../room/verdict";
-import { Choice, Section } from "./controls";
+import { Choice, Section, useEscape } from "./controls";
 import { copyLink } from "./copy";
 import { draftOf, sendDraft } from "./drafts";
 import {
@@ -533,6 +533,7 @@ export function PrintView() {
     }, 200);
     return () => clearInterval(timer);
   }, [printing.value]);
+  useEscape(printing.value, () => (printing.value = false));
   const now = state.value;
   if (!printing.value || !now) return null;
   const revision = revisionNow(now);

@@ -29,6 +29,9 @@ export function askAbout(point: Point): void {
 /** Two scenes of the room that are compared. */
 export const comparing = signal<{ a: Kept; b: Kept } | null>(null);
 
+/** Whether a comparison or the review on paper covers the page: its keys and buttons rest then. */
+export const covered = computed(() => printing.value || comparing.value !== null);
+
 /** Points of the stroke that is being drawn. */
 export const drawn = signal<Point[]>([]);
 

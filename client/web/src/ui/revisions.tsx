@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
 // The room's revisions: who saved what and when, any two of them compared, any one shown again.
 import { useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
 import type { Revision } from "../gen/relight_pb";
 import { act } from "../room/edits";
 import { apart, mayReview, state } from "../room/here";
 import type { Kept } from "../room/pictures";
 import { bringBack, putDown, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
-import { Choice, IconButton, Section } from "./controls";
+import { Choice, IconButton, Section, useEscape } from "./controls";
 import { draftOf, sendDraft } from "./drafts";
 import { byOf, comparing, revisionNow, timeOf } from "./review-state";
 import { DifferencePicture, Picture } from "./room-picture";
@@ -233,18 +232,7 @@ export function RevisionCompare() {
   const mode = useSignal<Mode>("side");
   const at = useSignal(50);
   const both = comparing.value;
-  useEffect(() => {
-    if (!comparing.value) return undefined;
-    const stop = new AbortController();
-    addEventListener(
-      "keydown",
-      (event) => {
-        if (event.key === "Escape") comparing.value = null;
-      },
-      { signal: stop.signal },
-    );
-    return () => stop.abort();
-  }, [both !== null]);
+  useEscape(both !== null, () => (comparing.value = null));
   if (!both) return null;
   return (
     <section class="compare-rooms" role="dialog" aria-label="Two revisions">

@@ -29,7 +29,7 @@ import { createRoom, enter, follow, lead, leave, listRooms, lookAlone } from "..
 import { Drawer, Icon, IconButton } from "./controls";
 import { Invite } from "./invite";
 import { mayEdit } from "./store";
-import { jumpToPin, openPin, printing, tool } from "./review-state";
+import { covered, jumpToPin, openPin, printing, tool } from "./review-state";
 
 const ROLES: Record<number, string> = {
   [RoomRole.ROLE_VIEWER]: "viewer",
@@ -202,7 +202,8 @@ function useRoomKeys(help: { value: boolean }): void {
       "keydown",
       (event) => {
         const typing = isTyping(event.target);
-        if (!state.value || typing || event.ctrlKey || event.metaKey || event.altKey) return;
+        if (!state.value || covered.value || typing) return;
+        if (event.ctrlKey || event.metaKey || event.altKey) return;
         const key = event.key.toLowerCase();
         if (key === "p" && mayReview.value) take("pin");
         else if (key === "d" && mayReview.value) take("draw");
