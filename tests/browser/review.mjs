@@ -139,6 +139,36 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.context().close();
     },
 
+    async "what opens takes the focus, Escape gives it back"(home) {
+      const ann = await begin(home, "Ann", "Focus");
+      const focused = () =>
+        ann.evaluate(() => {
+          const { activeElement: node } = document;
+          return node.getAttribute("aria-label") ?? node.textContent.trim();
+        });
+      const opens = async (name, label) => {
+        const button = ann.getByRole("button", { name });
+        const words = await button.textContent();
+        await button.focus();
+        await ann.keyboard.press("Enter");
+        await ann.waitForFunction(
+          (one) => document.activeElement.getAttribute("aria-label") === one,
+          label,
+          PATIENCE,
+        );
+        await ann.keyboard.press("Tab");
+        await ann.keyboard.press("Escape");
+        await ann
+          .getByLabel(label, { exact: true })
+          .waitFor({ ...PATIENCE, state: "detached" });
+        await ann.waitForTimeout(100);
+        assert.equal(await focused(), words.trim());
+      };
+      await opens(/^Rooms/, "Rooms");
+      await opens("Invite", "Invite");
+      await ann.context().close();
+    },
+
     async "on a phone a message lies below the bar, and a list of links is all there"(home) {
       const ann = await begin(home, "Ann", "Phone");
       await ann.setViewportSize({ width: 360, height: 640 });

@@ -30,6 +30,22 @@ export function useEscape(isThere: boolean, close: () => void): void {
   }, [isThere]);
 }
 
+/** Gives the focus to what appears, and back to where it was when that goes with the focus in it. */
+export function useFocus(node: { current: HTMLElement | null }, isThere = true): void {
+  useEffect(() => {
+    const now = isThere ? node.current : null;
+    if (!now) return undefined;
+    const before = document.activeElement;
+    now.focus();
+    return () => {
+      const { activeElement: last } = document; // the body: it had the focus and is gone
+      if (last !== document.body && !now.contains(last)) return;
+      // What was behind it may be inert until all is drawn.
+      setTimeout(() => before instanceof HTMLElement && before.focus());
+    };
+  }, [isThere]);
+}
+
 /** A list beside the picture, over it; Escape closes it. */
 export function Drawer(props: {
   title: string;
@@ -39,9 +55,11 @@ export function Drawer(props: {
   children: ComponentChildren;
 }) {
   const { title, closeLabel, close } = props;
+  const node = useRef<HTMLElement>(null);
   useEscape(true, close);
+  useFocus(node);
   return (
-    <aside class="drawer" aria-label={title}>
+    <aside ref={node} class="drawer" aria-label={title} tabIndex={-1}>
       <header>
         <h2>{title}</h2>
         <IconButton icon="close" label={closeLabel} onClick={close} />

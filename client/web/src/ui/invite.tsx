@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
 // Links for people without a token: made, listed and revoked by the room's owner.
 import { useSignal } from "@preact/signals";
+import { useRef } from "preact/hooks";
 import { RoomRole } from "../gen/relight_pb";
 import { act } from "../room/edits";
 import { roomId, state } from "../room/here";
-import { LinkField } from "./controls";
+import { LinkField, useEscape, useFocus } from "./controls";
 import { copied } from "./copy";
 
 const DAY_S = 86400;
@@ -62,6 +63,9 @@ export function Invite({ close }: { close: () => void }) {
   const link = useSignal("");
   const isCopied = useSignal(false);
   const making = useSignal(false); // no second link is made meanwhile
+  const node = useRef<HTMLFormElement>(null);
+  useEscape(true, close);
+  useFocus(node);
   const make = async () => {
     if (making.value) return;
     making.value = true;
@@ -72,8 +76,10 @@ export function Invite({ close }: { close: () => void }) {
   };
   return (
     <form
+      ref={node}
       class="popover"
       aria-label="Invite"
+      tabIndex={-1}
       onSubmit={(event) => {
         event.preventDefault();
         void make();

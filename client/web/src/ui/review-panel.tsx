@@ -20,7 +20,7 @@ import { PICTURE, putDown, sceneSeen, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
 import { sameJson } from "../room/convert";
 import { stands, verdict } from "../room/verdict";
-import { Choice, Section, useEscape } from "./controls";
+import { Choice, Section, useEscape, useFocus } from "./controls";
 import { copyLink } from "./copy";
 import { draftOf, sendDraft } from "./drafts";
 import {
@@ -533,12 +533,15 @@ export function PrintView() {
     }, 200);
     return () => clearInterval(timer);
   }, [printing.value]);
-  useEscape(printing.value, () => (printing.value = false));
   const now = state.value;
+  const isThere = printing.value && now !== null;
+  const node = useRef<HTMLElement>(null);
+  useEscape(isThere, () => (printing.value = false));
+  useFocus(node, isThere);
   if (!printing.value || !now) return null;
   const revision = revisionNow(now);
   return (
-    <article class="print" aria-label="The review on paper">
+    <article ref={node} class="print" aria-label="The review on paper" tabIndex={-1}>
       <button type="button" class="quiet no-print" onClick={() => (printing.value = false)}>
         Back to the room
       </button>

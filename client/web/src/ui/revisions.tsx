@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: MIT
 // The room's revisions: who saved what and when, any two of them compared, any one shown again.
 import { useSignal } from "@preact/signals";
+import { useRef } from "preact/hooks";
 import type { Revision } from "../gen/relight_pb";
 import { act } from "../room/edits";
 import { apart, mayReview, state } from "../room/here";
 import type { Kept } from "../room/pictures";
 import { bringBack, putDown, showAlone } from "../room/share";
 import { lookAlone } from "../room/session";
-import { Choice, IconButton, Section, useEscape } from "./controls";
+import { Choice, IconButton, Section, useEscape, useFocus } from "./controls";
 import { draftOf, sendDraft } from "./drafts";
 import { byOf, comparing, revisionNow, timeOf } from "./review-state";
 import { DifferencePicture, Picture } from "./room-picture";
@@ -232,10 +233,19 @@ export function RevisionCompare() {
   const mode = useSignal<Mode>("side");
   const at = useSignal(50);
   const both = comparing.value;
+  const node = useRef<HTMLElement>(null);
   useEscape(both !== null, () => (comparing.value = null));
+  useFocus(node, both !== null);
   if (!both) return null;
   return (
-    <section class="compare-rooms" role="dialog" aria-label="Two revisions">
+    <section
+      ref={node}
+      class="compare-rooms"
+      role="dialog"
+      aria-modal="true"
+      aria-label="Two revisions"
+      tabIndex={-1}
+    >
       <header class="row">
         <Pick label="A" what={both.a} onPick={(a) => (comparing.value = { ...both, a })} />
         <Pick label="B" what={both.b} onPick={(b) => (comparing.value = { ...both, b })} />
