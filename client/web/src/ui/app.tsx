@@ -2,7 +2,7 @@
 // The page: the picture fills it, the panels lie beside it, or below it on a phone.
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { Icon, IconButton, LinkField } from "./controls";
+import { arrowKeys, Icon, IconButton, LinkField } from "./controls";
 import { copyLink, linkToCopy } from "./copy";
 import { state as room } from "../room/here";
 import { explain, PageError } from "../protocol/errors";
@@ -427,7 +427,7 @@ export function App() {
       {drawer.value === "rooms" && !covered.value && <Rooms close={close} />}
       {drawer.value === "models" && !covered.value && <Models close={close} />}
       <aside class="panel" aria-label="Settings" inert={covered.value}>
-        <div class="tabs" role="tablist" aria-label="Settings">
+        <div class="tabs" role="tablist" aria-label="Settings" onKeyDown={arrowKeys}>
           {tabs.map((one) => (
             <button
               key={one.id}

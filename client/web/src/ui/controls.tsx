@@ -30,6 +30,26 @@ export function useEscape(isThere: boolean, close: () => void): void {
   }, [isThere]);
 }
 
+const STEPS_OF: Partial<Record<string, number>> = {
+  ArrowLeft: -1,
+  ArrowUp: -1,
+  ArrowRight: 1,
+  ArrowDown: 1,
+};
+const CHOOSABLE = '[role="tab"], [role="radio"]:not(:disabled)';
+/** Arrow keys go to the next of a group of tabs or radio buttons, and choose it. */
+export function arrowKeys(event: KeyboardEvent & { currentTarget: HTMLElement }): void {
+  const by = STEPS_OF[event.key];
+  if (!by || event.ctrlKey || event.metaKey || event.altKey || event.shiftKey) return;
+  const all = [...event.currentTarget.querySelectorAll<HTMLElement>(CHOOSABLE)];
+  const at = all.findIndex((one) => one === event.target);
+  if (at < 0) return;
+  event.preventDefault();
+  const next = all[(at + by + all.length) % all.length];
+  next?.focus();
+  next?.click();
+}
+
 /** Gives the focus to what appears, and back to where it was when that goes with the focus in it. */
 export function useFocus(node: { current: HTMLElement | null }, isThere = true): void {
   useEffect(() => {
@@ -170,7 +190,7 @@ export function Choice<T extends string>(props: {
   onChange: (value: T) => void;
 }) {
   return (
-    <div class="choice" role="radiogroup" aria-label={props.label}>
+    <div class="choice" role="radiogroup" aria-label={props.label} onKeyDown={arrowKeys}>
       {props.options.map((option) => (
         <button
           key={option.value}

@@ -5,7 +5,7 @@ import { BUILTIN_LIGHTS } from "../scene/builtin-lights";
 import { roomId } from "../room/here";
 import { thumbnail } from "../scene/thumbnails";
 import { brightened, hexOf, strengthOf, tinted } from "../state/lamp-gain";
-import { Icon, IconButton, Section, Slider } from "./controls";
+import { arrowKeys, Icon, IconButton, Section, Slider } from "./controls";
 import { FileInput } from "./file-input";
 import {
   addLamp,
@@ -137,7 +137,12 @@ export function LightPanel() {
     <>
       <Section title="Environment">
         {lamps.length > 1 && (
-          <div class="choice" role="radiogroup" aria-label="Which light is chosen here">
+          <div
+            class="choice"
+            role="radiogroup"
+            aria-label="Which light is chosen here"
+            onKeyDown={arrowKeys}
+          >
             {lamps.map((_, i) => (
               <button
                 key={i}
@@ -151,7 +156,7 @@ export function LightPanel() {
             ))}
           </div>
         )}
-        <div class="gallery" role="radiogroup" aria-label="Environment">
+        <div class="gallery" role="radiogroup" aria-label="Environment" onKeyDown={arrowKeys}>
           {gallery().map((env) => (
             <button
               key={env}

@@ -10,7 +10,7 @@ import {
   toColor,
   type Medium,
 } from "../state/material";
-import { Choice, Section, Slider } from "./controls";
+import { arrowKeys, Choice, Section, Slider } from "./controls";
 import {
   change,
   commit,
@@ -174,7 +174,7 @@ function Presets(props: { shown: string; medium: Medium | null; own: boolean }) 
   const refused = PRESET_NAMES.filter((name) => !fits(name));
   return (
     <>
-      <div class="chips" role="radiogroup" aria-label="Preset">
+      <div class="chips" role="radiogroup" aria-label="Preset" onKeyDown={arrowKeys}>
         {PRESET_NAMES.map((name) => (
           <button
             key={name}
@@ -208,7 +208,7 @@ function Objects() {
     ...objects.value.map(({ name }) => ({ name, label: materials[name] ? `${name} •` : name })),
   ];
   return (
-    <div class="chips" role="radiogroup" aria-label="Object">
+    <div class="chips" role="radiogroup" aria-label="Object" onKeyDown={arrowKeys}>
       {choices.map(({ name, label }) => (
         <button
           key={name}
@@ -231,7 +231,7 @@ function Variants() {
   const { variant } = scene.value;
   return (
     <Section title="Variant">
-      <div class="chips" role="radiogroup" aria-label="Variant">
+      <div class="chips" role="radiogroup" aria-label="Variant" onKeyDown={arrowKeys}>
         {["", ...names].map((name) => (
           <button
             key={name}

@@ -256,7 +256,7 @@ function PinRow({ pin }: { pin: Pin }) {
         <span class="pin-text">{pin.notes[0]?.text || "erased"}</span>
         {lost && <small title="It cannot be placed on this model">no place</small>}
         {pin.notes.length > 1 && <small>{pin.notes.length - 1}</small>}
-        {isNew(pin) && <i class="unread" aria-label="unread" />}
+        {isNew(pin) && <i class="unread" role="img" aria-label="unread" />}
       </button>
       {open && <Thread pin={pin} />}
     </li>

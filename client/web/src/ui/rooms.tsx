@@ -92,7 +92,7 @@ export function Rooms({ close }: { close: () => void }) {
               <span>
                 <b>
                   {room.name}
-                  {unread(room) && <i class="unread" aria-label="unread" />}
+                  {unread(room) && <i class="unread" role="img" aria-label="unread" />}
                 </b>
                 <small>
                   {ROLES[room.role]}
@@ -265,7 +265,7 @@ export function RoomBar() {
     <div ref={bar} class="room-bar" role="region" aria-label="Room">
       <b class="room-name">{now.name}</b>
       {now.closed && <small>closed</small>}
-      <div class="people" aria-label="People">
+      <div class="people" role="group" aria-label="People">
         <span
           class="person me"
           style={{ "--own": css(colorOf(me.value)) }}
@@ -352,7 +352,7 @@ export function RoomsButton(props: { open: boolean; onClick: () => void }) {
       onClick={props.onClick}
     >
       <Icon name="compare" /> <span>Rooms</span>
-      {some && <i class="unread" aria-label="unread" />}
+      {some && <i class="unread" role="img" aria-label="unread" />}
     </button>
   );
 }
