@@ -785,8 +785,11 @@ const scenarios = {
     await settled(page);
     await otherRests();
     assert.ok(difference(await linear(page), b) < 5e-3);
+    await page.evaluate(() => (globalThis.ended = document.querySelector(".pane.b .gl")));
     await page.getByRole("button", { name: "End" }).click();
     await page.waitForFunction(() => document.querySelectorAll(".pane").length === 1);
+    // A browser has few contexts: the one of B is free again.
+    await page.waitForFunction(() => globalThis.ended.getContext("webgl2").isContextLost());
     await page.context().close();
   },
 

@@ -733,6 +733,13 @@ export class Viewer {
     if (this.pictures) this.changed();
   }
 
+  /** Closes for good: the browser gets the WebGL context of the canvas back at once. */
+  end(): void {
+    this.close();
+    const context = this.stage?.renderer.getContext();
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+
   close(): void {
     this.over.abort();
     this.opening++;

@@ -226,7 +226,7 @@ export function CompareStage() {
     };
     void makeViewer(nodes, events).then((one) => {
       if (!live) {
-        one.close();
+        one.end();
         return;
       }
       made.current = one;
@@ -243,7 +243,7 @@ export function CompareStage() {
         stop();
         forget();
         observer.disconnect();
-        one.close();
+        one.end();
       };
     });
     return () => {
