@@ -1077,12 +1077,14 @@ const scenarios = {
           one.setAttribute("interaction", word);
           const wheel = new WheelEvent("wheel", { deltaY: 1, cancelable: true });
           stage.dispatchEvent(wheel);
-          return [wheel.defaultPrevented, getComputedStyle(stage).touchAction];
+          const { touchAction } = getComputedStyle(stage);
+          const role = stage.getAttribute("role");
+          return [wheel.defaultPrevented, touchAction, role, stage.tabIndex];
         });
       });
       assert.deepEqual(hands, [
-        [false, "auto"],
-        [true, "none"],
+        [false, "auto", "img", -1],
+        [true, "none", "application", 0],
       ]);
       // The message of a lost connection ends with it, without a model too.
       await page.evaluate(() => {

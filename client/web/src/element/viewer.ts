@@ -87,8 +87,6 @@ export class RelightViewerElement extends HTMLElement {
     style.replaceSync(STYLE);
     this.root.adoptedStyleSheets = [style];
     this.stage.className = "stage";
-    this.stage.setAttribute("role", "application");
-    this.stage.tabIndex = 0;
     this.canvas.part.add("canvas");
     this.picture.part.add("picture");
     this.picture.hidden = true;
@@ -121,11 +119,15 @@ export class RelightViewerElement extends HTMLElement {
     if (this.hasAttribute("auto-rotate")) this.turn();
   }
 
-  // An element without interaction leaves wheel and fingers to the page round it.
+  // An element without interaction leaves wheel, fingers and keys to the page round it: it is a picture.
   private takeHands(): void {
     this.detach?.();
     this.detach = null;
-    if (this.interaction === "none") return;
+    const isPicture = this.interaction === "none";
+    this.stage.setAttribute("role", isPicture ? "img" : "application");
+    if (isPicture) this.stage.removeAttribute("tabindex");
+    else this.stage.tabIndex = 0;
+    if (isPicture) return;
     this.detach = attachGestures(this.stage, {
       orbit: () => this.state.orbit,
       setOrbit: (orbit) => {
