@@ -1086,6 +1086,29 @@ const scenarios = {
         [false, "auto", "img", -1],
         [true, "none", "application", 0],
       ]);
+      // The camera turns by itself until a hand turns it.
+      const turned = await page.evaluate(async () => {
+        const one = document.querySelector("relight-viewer");
+        const stage = one.shadowRoot.querySelector(".stage");
+        const frames = (n) =>
+          new Promise((done) => {
+            const next = () => (n-- ? requestAnimationFrame(next) : done());
+            next();
+          });
+        const azimuths = [one.cameraOrbit.azimuth];
+        one.setAttribute("auto-rotate", "");
+        await frames(5);
+        azimuths.push(one.cameraOrbit.azimuth);
+        stage.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
+        azimuths.push(one.cameraOrbit.azimuth);
+        await frames(5);
+        azimuths.push(one.cameraOrbit.azimuth);
+        one.removeAttribute("auto-rotate");
+        return azimuths;
+      });
+      assert.notEqual(turned[1], turned[0]);
+      assert.notEqual(turned[2], turned[1]);
+      assert.equal(turned[3], turned[2]);
       // The message of a lost connection ends with it, without a model too.
       await page.evaluate(() => {
         const one = document.querySelector("relight-viewer");

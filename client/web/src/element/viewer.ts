@@ -131,7 +131,7 @@ export class RelightViewerElement extends HTMLElement {
     this.detach = attachGestures(this.stage, {
       orbit: () => this.state.orbit,
       setOrbit: (orbit) => {
-        if (this.interaction === "orbit") this.cameraOrbit = orbit;
+        if (this.interaction === "orbit") this.turnBy(orbit);
         else this.dragLight(orbit);
       },
       turnLight: (rotate, tilt) => this.turnLight(rotate, tilt),
@@ -366,6 +366,12 @@ export class RelightViewerElement extends HTMLElement {
     const { title, text, remedy } = explain(error, again);
     this.say([title, text, remedy].filter(Boolean).join(". "));
     this.tell("error", { title, text, remedy });
+  }
+
+  // A hand turns the camera, which then turns by itself no longer.
+  private turnBy(orbit: Orbit): void {
+    cancelAnimationFrame(this.turning);
+    this.cameraOrbit = orbit;
   }
 
   // A drag turns the light in place of the camera: as far as it would turn that one.
