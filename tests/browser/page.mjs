@@ -459,6 +459,38 @@ const scenarios = {
     await page.context().close();
   },
 
+  async "readers are told of what rests, and not of each turn"(home) {
+    const page = await open(`${home}/#model=marble.prt`);
+    await mode(page, "mesh");
+    const told = await page.evaluate(async () => {
+      const degrees = () => Math.round(globalThis.relightViewer.state.orbit.azimuth);
+      let [turns, texts] = [0, 0]; // texts: those that came with a turn
+      let turnedAt = 0;
+      const observer = new MutationObserver(() => {
+        if (performance.now() - turnedAt < 400) texts++;
+      });
+      const text = document.querySelector("#stage-text");
+      observer.observe(text, { characterData: true, childList: true, subtree: true });
+      document.querySelector('[aria-label^="Turntable"]').click();
+      for (let last = degrees(); turns < 10; ) {
+        await new Promise((done) => requestAnimationFrame(done));
+        if (degrees() === last) continue;
+        turns++;
+        last = degrees();
+        turnedAt = performance.now();
+      }
+      document.querySelector('[aria-label^="Turntable"]').click();
+      return { turns, texts, last: text.textContent };
+    });
+    assert.ok(2 * told.texts < told.turns, JSON.stringify(told));
+    await page.waitForFunction(
+      (last) => document.querySelector("#stage-text").textContent !== last,
+      told.last,
+      PATIENCE,
+    );
+    await page.context().close();
+  },
+
   async "a medium is edited, and undone"(home) {
     const page = await open(`${home}/#model=open.prt`);
     await mode(page, "mesh");

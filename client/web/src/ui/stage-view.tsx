@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The picture, and the hands on it.
+import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { ModelInfo } from "../gen/relight_pb";
 import { attachGestures } from "../scene/gestures";
@@ -34,12 +35,23 @@ export function description(): string {
   );
 }
 
+const REST_MS = 600; // a text is read out when what it is of has rested for so long
+function useRested(text: string): string {
+  const rested = useSignal(text);
+  useEffect(() => {
+    const timer = setTimeout(() => (rested.value = text), REST_MS);
+    return () => clearTimeout(timer);
+  }, [text]);
+  return rested.value;
+}
+
 export function StageView() {
   const host = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
   const picture = useRef<HTMLCanvasElement>(null);
   const pane = useRef<HTMLDivElement>(null);
   const { compare } = scene.value;
+  const text = useRested(description());
   useEffect(() => {
     const box = host.current;
     const mine = pane.current;
@@ -88,7 +100,7 @@ export function StageView() {
       </div>
       {compare && <CompareStage />}
       <p id="stage-text" class="for-readers" aria-live="polite">
-        {description()}
+        {text}
       </p>
       <p id="stage-help" class="for-readers">
         Arrow keys turn the model, with Shift the light, with Alt they move it. Plus and minus
