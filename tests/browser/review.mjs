@@ -119,6 +119,10 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
         { timeout: 30_000 },
       );
       await shot(ann, "room-beside");
+      // The letters of the two are below the bar.
+      const bar = await ann.locator(".room-bar").boundingBox();
+      for (const letter of [".name-a", ".name-b"])
+        assert.ok((await ann.locator(letter).boundingBox()).y >= bar.y + bar.height, letter);
       await ann.context().close();
     },
 
