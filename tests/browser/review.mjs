@@ -176,6 +176,8 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
     async "on a phone a message lies below the bar, and a list of links is all there"(home) {
       const ann = await begin(home, "Ann", "Phone");
       await ann.setViewportSize({ width: 360, height: 640 });
+      // A phone has no key P, but the button.
+      await ann.getByText("No pin is here. Pin (or P) and a click").waitFor(PATIENCE);
       await ann.getByRole("button", { name: /^Undo/ }).click();
       const message = ann.getByText("There is no change of yours to undo here.");
       await message.waitFor(PATIENCE);

@@ -480,7 +480,12 @@ export function ReviewPanel() {
           {pins.map((pin) => (
             <PinRow key={String(numberOf(pin))} pin={pin} />
           ))}
-          {!pins.length && <li class="hint">No pin is here. P and a click place one.</li>}
+          {!pins.length && (
+            <li class="hint">
+              No pin is here.{" "}
+              {mayReview.value && "Pin (or P) and a click on the model place one."}
+            </li>
+          )}
         </ul>
         <Strokes pin={0n} />
         <button type="button" class="quiet" onClick={markRead}>
