@@ -29,10 +29,10 @@ struct horizon {
     const struct prt_scene *scene;
     struct horizon_places places;
     unsigned words; // of a place: 32 bins in each
-    // [n_place][words] filled on first use: of 32 bins, from bit 0 those that are visible with
-    // all their neighbours, from bit 32 those that are blocked with them. One word, so that
-    // another thread sees both or neither.
-    _Atomic uint64_t *certain;
+    // [n_place][words] filled on first use: of 32 bins, from bit 0 those that are open, from
+    // bit 32 those that agree with all their neighbours. One word, so that another thread sees
+    // both or neither.
+    _Atomic uint64_t *sight;
     _Atomic uint8_t *state; // [n_place]
     struct bins fine, coarse;
     uint16_t parent[6 * HORIZON_WIDE * HORIZON_WIDE]; // the coarse bin that holds a fine one
@@ -94,9 +94,9 @@ int prt_horizon_create(const struct prt_scene *scene, uint32_t most_more, struct
                                            &h->places);
     const uint32_t n = h->places.n_place;
     h->words = prt_horizon_words(n);
-    h->certain = status ? NULL : prt_calloc(n, h->words * sizeof *h->certain);
+    h->sight = status ? NULL : prt_calloc(n, h->words * sizeof *h->sight);
     h->state = status ? NULL : prt_calloc(n, sizeof *h->state);
-    if (!h->certain || !h->state) {
+    if (!h->sight || !h->state) {
         prt_horizon_destroy(h);
         return PRT_NOMEM;
     }
@@ -113,7 +113,7 @@ int prt_horizon_create(const struct prt_scene *scene, uint32_t most_more, struct
 void prt_horizon_destroy(struct horizon *h)
 {
     if (!h) return;
-    prt_free(h->certain);
+    prt_free(h->sight);
     prt_free(h->state);
     prt_horizon_places_finish(&h->places);
     free(h);
@@ -267,10 +267,9 @@ static void trace_place(struct horizon *h, uint32_t place)
     }
     const size_t at = (size_t)place * h->words;
     for (unsigned k = 0; k < h->words; k++) {
-        const uint64_t visible = found->visible[k / 2] >> k % 2 * 32 & UINT32_MAX;
-        const uint64_t blocked = found->blocked[k / 2] >> k % 2 * 32 & UINT32_MAX;
-        atomic_store_explicit(&h->certain[at + k], visible | blocked << 32,
-                              memory_order_relaxed);
+        const uint64_t open = found->open[k / 2] >> k % 2 * 32 & UINT32_MAX;
+        const uint64_t certain = (found->visible[k / 2] | found->blocked[k / 2]) >> k % 2 * 32;
+        atomic_store_explicit(&h->sight[at + k], open | certain << 32, memory_order_relaxed);
     }
     atomic_store_explicit(&h->state[place], TRACED, memory_order_release);
 }
@@ -287,7 +286,7 @@ static inline uint64_t corner_pair(struct horizon *h, uint32_t triangle, int k,
 {
     uint64_t pair = atomic_load_explicit(at, memory_order_relaxed);
     if (pair) return pair;
-    // 32 uncertain bins, or not traced yet
+    // 32 bins that are not open and uncertain, or not traced yet
     want_place(h, prt_scene_mesh(h->scene)->triangle[triangle][k]);
     return atomic_load_explicit(at, memory_order_relaxed);
 }
@@ -305,19 +304,49 @@ void prt_horizon_bins(struct horizon *h, uint32_t mask, const uint32_t triangle[
         bin[i] = bins[texel[i]];
         if (h->words != FINE_PAIRS) bin[i] = h->parent[bin[i]];
         for (int k = 0; k < 3; k++) {
-            at[i][k] = &h->certain[(size_t)corner[k] * h->words + bin[i] / 32];
+            at[i][k] = &h->sight[(size_t)corner[k] * h->words + bin[i] / 32];
             __builtin_prefetch((const void *)at[i][k]);
         }
     }
     for (uint32_t m = mask; m; m &= m - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(m);
         if (h->places.level[triangle[i]]) continue;
-        const uint64_t either = (uint64_t)1 << bin[i] % 32 | (uint64_t)1 << 32 << bin[i] % 32;
-        uint64_t pair = either;
-        for (int k = 0; k < 3 && pair; k++) pair &= corner_pair(h, triangle[i], k, at[i][k]);
-        *visible |= (uint32_t)(pair >> bin[i] % 32 & 1) << i;
-        *blocked |= (uint32_t)(pair >> 32 >> bin[i] % 32 & 1) << i;
+        uint64_t certain = (uint64_t)1 << 32, all = 1, any = 0;
+        for (int k = 0; k < 3 && certain; k++) {
+            const uint64_t pair = corner_pair(h, triangle[i], k, at[i][k]) >> bin[i] % 32;
+            certain &= pair, all &= pair, any |= pair;
+        }
+        certain >>= 32;
+        *visible |= (uint32_t)(certain & all) << i;
+        *blocked |= (uint32_t)(certain & ~any) << i;
     }
+}
+
+// The open bins of a square of wide x wide, aligned to its width, at a vertex.
+static unsigned open_bins(struct horizon *h, uint32_t vertex, unsigned bin, unsigned wide)
+{
+    const unsigned x = bin % HORIZON_WIDE & ~(wide - 1);
+    const unsigned row = bin / HORIZON_WIDE & ~(wide - 1);
+    const uint32_t mask = wide < 32 ? (1u << wide) - 1 : UINT32_MAX;
+    unsigned open = 0;
+    want_place(h, vertex);
+    for (unsigned y = row; y < row + wide; y++) {
+        const uint64_t bins = atomic_load_explicit(&h->sight[(size_t)vertex * h->words + y],
+                                                   memory_order_relaxed);
+        open += (unsigned)__builtin_popcount((uint32_t)bins >> x & mask);
+    }
+    return open;
+}
+
+float prt_horizon_share(struct horizon *h, uint32_t triangle, float u, float v, unsigned bin,
+                        unsigned wide)
+{
+    const uint32_t *corner = prt_scene_mesh(h->scene)->triangle[triangle];
+    if (h->words != FINE_PAIRS || h->places.level[triangle]) return -1;
+    const float open = (1 - u - v) * (float)open_bins(h, corner[0], bin, wide) +
+                       u * (float)open_bins(h, corner[1], bin, wide) +
+                       v * (float)open_bins(h, corner[2], bin, wide);
+    return fminf(fmaxf(open / (float)(wide * wide), 0), 1);
 }
 
 int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
@@ -361,11 +390,11 @@ void prt_horizon_view(struct horizon *h, uint32_t triangle, float u, float v,
         want_place(h, corner[k]);
         const size_t at = (size_t)corner[k] * h->words;
         for (unsigned w = 0; w < h->words; w++) {
-            const uint64_t pair =
-                atomic_load_explicit(&h->certain[at + w], memory_order_relaxed);
+            const uint64_t pair = atomic_load_explicit(&h->sight[at + w], memory_order_relaxed);
             const uint64_t other = w % 2 ? UINT32_MAX : (uint64_t)UINT32_MAX << 32;
-            view->visible[w / 2] &= (pair & UINT32_MAX) << w % 2 * 32 | other;
-            view->blocked[w / 2] &= pair >> 32 << w % 2 * 32 | other;
+            const uint64_t open = pair & UINT32_MAX, certain = pair >> 32;
+            view->visible[w / 2] &= (certain & open) << w % 2 * 32 | other;
+            view->blocked[w / 2] &= (certain & ~open) << w % 2 * 32 | other;
         }
     }
     if (h->words == FINE_PAIRS) return;

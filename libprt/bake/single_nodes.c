@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Rays of all depths of one vertex. Of each tile of 4 x 4 texels one ray is traced, then of
 // each block of 2 x 2, then of every texel: the finer level only where neighbours differ.
-// Beyond the surface a ray is cast only where the horizon (horizon.c) does not certify the
-// direction.
+// Beyond the surface the horizon (horizon.c) tells how much light arrives; a ray is cast for
+// single texels whose direction it does not certify.
 #include "bake/loops.h"
 
 #include "base/isa.h"
@@ -32,7 +32,8 @@ struct queue {
     const float *slope[SINGLE_MAX_NODES]; // of these
     bool drawn;                           // triangles, on a cube around each node
     bool keep_directions, use_horizon;
-    enum share share; // of every ray that waits
+    const float *rise; // of each node, see weigh_nodes
+    enum share share;  // of every ray that waits
     struct batch traced, shadow;
     uint64_t rays;
 };
@@ -91,8 +92,37 @@ static uint32_t deciding(const struct single_plan *plan)
     return plan->n_eta / 2;
 }
 
+// Of light that counts for less, the share that the horizon's corners see is taken; of more, a
+// shadow ray decides. Chosen: with 1 in its place rays fall from 1781 to 1194 a vertex of the
+// bunny in marble, 50 mm, and the error under three soft boxes grows from 0.66 to 0.85 %.
+static const float sure_share = 0.3f;
+
+// Of the lanes whose visibility is not certain, the light of a tile or a block, and weak light
+// of a texel, is taken by the share of its bins that are open. Returns these lanes.
+static uint32_t take_shares(const struct queue *q, const struct batch *b, uint32_t unknown,
+                            struct lanes *lane)
+{
+    const struct single_plan *plan = q->plan;
+    const struct directions *d = plan->directions;
+    const unsigned wide = (unsigned)q->share * HORIZON_WIDE / d->n;
+    const struct prt_packet *p = &b->packet;
+    uint32_t taken = 0;
+    for (uint32_t m = unknown; m; m &= m - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctz(m);
+        const float path_mm = lane[deciding(plan)].path_mm[i];
+        const float most = sure_share * q->rise[b->node[i]];
+        if (q->share == ONE && exp_minus(plan->weakest * path_mm) > most) continue;
+        const float share = prt_horizon_share(plan->horizon, p->triangle[i], p->u[i], p->v[i],
+                                              d->bin[b->texel[i]], wide ? wide : 1);
+        if (share < 0) continue;
+        for (uint32_t k = 0; k < plan->n_eta; k++) lane[k].transmittance[i] *= share;
+        taken |= 1u << i;
+    }
+    return taken;
+}
+
 // Stores the exits of the lanes `done` at every index, lane [n_eta]. Where the horizon does not
-// know whether light reaches the exit, a shadow ray is queued. leave: the lanes that leave the
+// tell how much light reaches the exit, a shadow ray is queued. leave: the lanes that leave the
 // body.
 static void take_exits(struct queue *q, const struct batch *b, struct lanes *lane,
                        uint32_t done, uint32_t leave)
@@ -102,13 +132,14 @@ static void take_exits(struct queue *q, const struct batch *b, struct lanes *lan
     if (q->use_horizon && plan->horizon)
         prt_horizon_bins(plan->horizon, leave, b->packet.triangle, plan->directions->bin,
                          b->texel, &visible, &blocked);
+    uint32_t unknown = leave & ~visible & ~blocked;
+    if (q->use_horizon && plan->horizon) unknown &= ~take_shares(q, b, unknown, lane);
     for (uint32_t k = 0; k < plan->n_eta; k++) {
         for (uint32_t m = blocked; m; m &= m - 1) lane[k].transmittance[__builtin_ctz(m)] = 0;
         if (q->share == TILE) store(q, b, &lane[k], k, done, TILE);
         else if (q->share == BLOCK) store(q, b, &lane[k], k, done, BLOCK);
         else store(q, b, &lane[k], k, done, ONE);
     }
-    const uint32_t unknown = leave & ~visible & ~blocked;
     const float *path_mm = lane[deciding(plan)].path_mm;
     for (uint32_t m = q->share == ONE ? 0 : done; m; m &= m - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(m);
@@ -406,6 +437,7 @@ uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_ta
                       .keep_directions = prt_single_keeps_directions(plan)};
     s->node = s->of_eta[deciding(plan)];
     weigh_nodes(plan, l.depth, l.rise);
+    q.rise = l.rise;
     for (uint32_t a = 0; a < l.n_node; a++) {
         q.pattern[a] = path->pattern + 65 * a; // 65: another jitter and another sub-sample
         q.slope[a] = prt_direction_slopes(plan->directions, q.pattern[a]);

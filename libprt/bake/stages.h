@@ -378,6 +378,10 @@ int prt_horizon_bin(struct horizon *horizon, uint32_t triangle, uint32_t bin);
 void prt_horizon_bins(struct horizon *horizon, uint32_t mask, const uint32_t triangle[16],
                       const uint16_t *bins, const uint32_t texel[16], uint32_t *visible,
                       uint32_t *blocked);
+/* The share of a square of wide x wide bins (a power of 2, aligned to it) that is open at
+ * barycentric (u, v) of a triangle, between its corners; -1 where it is not known. */
+float prt_horizon_share(struct horizon *horizon, uint32_t triangle, float u, float v,
+                        unsigned bin, unsigned wide);
 /* Every bin near (u, v) of a triangle: bit b % 64 of word b / 64. A bin in neither set is
  * unknown. */
 struct horizon_view {

@@ -222,6 +222,70 @@ static void certain_bins_are_certain(void **state)
     check_bins(floor_under_plate(7), 20000);
 }
 
+// The share of the rays through a square of wide x wide bins that are not blocked; negative
+// where some are near or below the horizon.
+static double open_share(const struct prt_scene *scene, uint32_t triangle, float u, float v,
+                         unsigned bin, unsigned wide)
+{
+    double hit = 0;
+    for (unsigned i = 0; i < wide * wide; i++) {
+        unsigned above;
+        hit += blocked_rays(scene, triangle, u, v, bin + i / wide * HORIZON_WIDE + i % wide,
+                            &above);
+        if (above < 16) return -1;
+    }
+    return 1 - hit / (16 * wide * wide);
+}
+
+// Law: the share of a square that a triangle's corners see is that of rays from between them,
+// and it is linear between them (METHODS §3.5). Triangles that are divided have none.
+static void shares_are_those_of_rays(void **state)
+{
+    struct prt_mesh *mesh = body(), *coarse = fluted(20);
+    struct prt_scene *scene;
+    struct horizon *horizon;
+    struct prt_rng rng;
+    double partly = 0, square = 0, sum = 0;
+    const unsigned n_bin = 6 * HORIZON_WIDE * HORIZON_WIDE;
+    assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
+    assert_int_equal(prt_horizon_create(scene, 0, &horizon), PRT_OK);
+    prt_rng_init(&rng, 12, 0);
+    for (uint32_t t = 5; t < mesh->n_triangle; t += 13)
+        for (unsigned draw = 0; draw < 12; draw++) {
+            const unsigned wide = 1u << draw % 3;
+            unsigned bin = prt_rng_u32(&rng) % n_bin;
+            bin -= bin % wide + bin / HORIZON_WIDE % wide * HORIZON_WIDE;
+            const float u = prt_rng_f32(&rng), v = prt_rng_f32(&rng) * (1 - u);
+            const double got = (double)prt_horizon_share(horizon, t, u, v, bin, wide);
+            const double corner[] = {(double)prt_horizon_share(horizon, t, 0, 0, bin, wide),
+                                     (double)prt_horizon_share(horizon, t, 1, 0, bin, wide),
+                                     (double)prt_horizon_share(horizon, t, 0, 1, bin, wide)};
+            const double linear = (1 - (double)u - (double)v) * corner[0] +
+                                  (double)u * corner[1] + (double)v * corner[2];
+            expect_below("share less that between corners", fabs(got - linear), 1e-5);
+            // any bin of the square names it
+            const unsigned other = bin + wide - 1 + (wide - 1) * HORIZON_WIDE;
+            assert_true(got == (double)prt_horizon_share(horizon, t, u, v, other, wide));
+            const double want = open_share(scene, t, u, v, bin, wide);
+            if (!(want > 0 && want < 1)) continue;
+            partly++, square += (got - want) * (got - want), sum += got - want;
+        }
+    print_message("%.0f squares partly open: RMSE %.3f, mean %+.3f\n", partly,
+                  sqrt(square / partly), sum / partly);
+    expect_above("squares that are partly open", partly, 250);
+    expect_below("RMSE of their shares", sqrt(square / partly), 0.13);
+    expect_below("mean error of their shares", fabs(sum / partly), 0.03);
+    prt_horizon_destroy(horizon);
+    prt_scene_destroy(scene);
+    assert_int_equal(prt_scene_create(&context, coarse, &scene), PRT_OK);
+    assert_int_equal(prt_horizon_create(scene, 20000, &horizon), PRT_OK);
+    assert_true(prt_horizon_share(horizon, coarse->n_triangle / 2, 0.2f, 0.2f, 0, 1) < 0);
+    prt_horizon_destroy(horizon);
+    prt_scene_destroy(scene);
+    prt_mesh_destroy(mesh);
+    prt_mesh_destroy(coarse);
+}
+
 // Clusters of made-up rows whose coefficients fall off at very different rates.
 static struct factored *rows_of(uint32_t n_cluster, uint32_t n_vertex, uint32_t n, uint32_t J)
 {
@@ -417,6 +481,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(known_directions_take_no_rays),
         cmocka_unit_test(certain_bins_are_certain),
+        cmocka_unit_test(shares_are_those_of_rays),
         cmocka_unit_test(the_bytes_allowed_are_used),
         cmocka_unit_test(short_steps_of_long_paths),
         cmocka_unit_test(places_are_corners_of_the_part),
