@@ -20,6 +20,7 @@ struct vertex_cells {
 struct cell_rows {
     unsigned cpu;                             // mask of enum prt_cpu
     uint32_t n_vertex, n_function, n, n_coef; // n: texels across a face
+    bool every_ray;                           // each texel is a cell
     struct vertex_cells *vertex;
 };
 
@@ -100,7 +101,8 @@ static void gather_sums(const struct sums *s, const uint32_t *cell, float *out)
     }
 }
 
-// Vertex by vertex: the light is summed over each cell before the product.
+// Vertex by vertex: the light is summed over each cell before the product. Values that are
+// smoothed are near those of the cells, near enough to find functions for them.
 static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     const struct cell_rows *r = user;
@@ -129,15 +131,16 @@ static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
     return status;
 }
 
-// Expands one function and one face at a time to dense rows.
+// Expands one function and one face at a time to dense rows, smooth between blocks.
 static int cells_project(void *user, const float *u, uint32_t rank, float *out)
 {
     const struct cell_rows *r = user;
     uint32_t face = r->n_coef / FACES, F = r->n_function;
     float *dense = prt_alloc((size_t)r->n_vertex * face, sizeof *dense);
     float *value = prt_alloc(r->n_coef, sizeof *value);
+    float *mean = prt_alloc(face / 4, sizeof *mean);
     const struct bake_loops *loops = prt_bake_loops(r->cpu);
-    int status = dense && value ? PRT_OK : PRT_NOMEM;
+    int status = dense && value && mean ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < F * FACES; i++) {
         uint32_t f = i / FACES, k = i % FACES;
         for (uint32_t v = 0; v < r->n_vertex; v++) {
@@ -146,6 +149,8 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
                                  c->begin[k + 1] - c->begin[k], value);
             loops->expand_cells(value, c->cell + k * face, c->begin[k], face,
                                 dense + (size_t)v * face);
+            if (!r->every_ray)
+                prt_smooth_blocks(c->cell + k * face, r->n, dense + (size_t)v * face, mean);
         }
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, (int)face,
                     (int)r->n_vertex, 1, u, (int)r->n_vertex, dense, (int)face, 0,
@@ -153,6 +158,7 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
     }
     prt_free(dense);
     prt_free(value);
+    prt_free(mean);
     return status;
 }
 
@@ -166,6 +172,7 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
                              .n_function = job->n_function,
                              .n = b->directions->n,
                              .n_coef = b->directions->n_coef,
+                             .every_ray = b->o.every_ray,
                              .vertex = calloc(cluster->n_vertex, sizeof *rows.vertex)};
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {

@@ -83,6 +83,33 @@ static uint32_t make_cells(const struct single_plan *plan, struct scratch *s)
     return n_cell;
 }
 
+static uint32_t nearest_block(uint32_t i, int step, uint32_t n)
+{
+    return step < 0 && i == 0 ? 0 : step > 0 && i + 1 == n ? i : i + (uint32_t)step;
+}
+
+void prt_smooth_blocks(const uint32_t *cell, uint32_t n, float *value, float *mean)
+{
+    const uint32_t half = n / 2;
+    for (uint32_t b = 0; b < half * half; b++) {
+        const float *at = value + (b / half * n + b % half) * 2;
+        mean[b] = 0.25f * (at[0] + at[1] + at[n] + at[n + 1]);
+    }
+    for (uint32_t b = 0; b < half * half; b++) {
+        const uint32_t x = b % half, y = b / half, at = (y * n + x) * 2;
+        const uint32_t tile = y / 2 * 4 * n + x / 2 * 4; // its first texel
+        if (cell[tile] == cell[tile + 3 * n + 3]) continue;
+        if (cell[at] != cell[at + n + 1]) continue;
+        for (uint32_t i = 0; i < 4; i++) {
+            const uint32_t u = nearest_block(x, i & 1 ? 1 : -1, half);
+            const uint32_t v = nearest_block(y, i >> 1 ? 1 : -1, half);
+            value[at + (i >> 1) * n + (i & 1)] = (9 * mean[b] + 3 * mean[y * half + u] +
+                                                  3 * mean[v * half + x] + mean[v * half + u]) /
+                                                 16;
+        }
+    }
+}
+
 // Length of the path from x along -out inside the body [mm].
 static float thickness_at(const struct single_plan *plan, const float x[3], const float n[3],
                           const float out[3])
@@ -222,11 +249,13 @@ uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_ta
     struct scratch s = {0};
     uint64_t rays = prt_single_cells(plan, fresnel, vertex, out, &c, memory);
     carve(plan, memory, &s);
-    float *row = s.node[0].path_mm;        // not used any more
-    for (uint32_t p = n_plane; p-- > 0;) { // in place, the last plane first
+    float *row = s.node[0].path_mm, *mean = s.value[0]; // not used any more
+    for (uint32_t p = n_plane; p-- > 0;) {              // in place, the last plane first
         float *to = out + (size_t)p * n;
         memcpy(row, out + (size_t)p * c.n_cell, c.n_cell * sizeof *row);
         for (uint32_t t = 0; t < n; t++) to[t] = row[c.cell[t]];
+        for (uint32_t f = 0; f < 6 && !plan->every_ray; f++)
+            prt_smooth_blocks(c.cell + f * n / 6, plan->directions->n, to + f * n / 6, mean);
     }
     return rays;
 }

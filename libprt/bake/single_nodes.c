@@ -98,9 +98,10 @@ static uint32_t deciding(const struct single_plan *plan)
 static const float sure_share = 0.3f;
 
 // Of the lanes whose visibility is not certain, the light of a tile or a block, and weak light
-// of a texel, is taken by the share of its bins that are open. Returns these lanes.
+// of a texel, is taken by the share of its bins that are open. Returns these lanes. doubt: of
+// each of them, 1 where half is open, 0 where all or none is.
 static uint32_t take_shares(const struct queue *q, const struct batch *b, uint32_t unknown,
-                            struct lanes *lane)
+                            struct lanes *lane, float doubt[16])
 {
     const struct single_plan *plan = q->plan;
     const struct directions *d = plan->directions;
@@ -116,6 +117,7 @@ static uint32_t take_shares(const struct queue *q, const struct batch *b, uint32
                                               d->bin[b->texel[i]], wide ? wide : 1);
         if (share < 0) continue;
         for (uint32_t k = 0; k < plan->n_eta; k++) lane[k].transmittance[i] *= share;
+        doubt[i] = 4 * share * (1 - share);
         taken |= 1u << i;
     }
     return taken;
@@ -132,19 +134,23 @@ static void take_exits(struct queue *q, const struct batch *b, struct lanes *lan
     if (q->use_horizon && plan->horizon)
         prt_horizon_bins(plan->horizon, leave, b->packet.triangle, plan->directions->bin,
                          b->texel, &visible, &blocked);
-    uint32_t unknown = leave & ~visible & ~blocked;
-    if (q->use_horizon && plan->horizon) unknown &= ~take_shares(q, b, unknown, lane);
+    uint32_t unknown = leave & ~visible & ~blocked, shared = 0;
+    float doubt[16];
+    if (q->use_horizon && plan->horizon) shared = take_shares(q, b, unknown, lane, doubt);
+    unknown &= ~shared;
     for (uint32_t k = 0; k < plan->n_eta; k++) {
         for (uint32_t m = blocked; m; m &= m - 1) lane[k].transmittance[__builtin_ctz(m)] = 0;
         if (q->share == TILE) store(q, b, &lane[k], k, done, TILE);
         else if (q->share == BLOCK) store(q, b, &lane[k], k, done, BLOCK);
         else store(q, b, &lane[k], k, done, ONE);
     }
+    // Negative: a ray of its own decides, whose answer stays that of the finer ray.
     const float *path_mm = lane[deciding(plan)].path_mm;
     for (uint32_t m = q->share == ONE ? 0 : done; m; m &= m - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(m);
+        const float most = shared >> i & 1 ? doubt[i] : unknown >> i & 1 ? -1 : 0;
         q->s->uncertain[b->node[i]][b->number[i] / 4] =
-            unknown >> i & 1 ? exp_minus(plan->weakest * path_mm[i]) : 0;
+            most * exp_minus(plan->weakest * path_mm[i]);
     }
     for (uint32_t m = unknown; m; m &= m - 1) {
         const uint32_t i = (uint32_t)__builtin_ctz(m), to = q->shadow.fill++;
@@ -352,8 +358,8 @@ static void attenuate(const struct queue *q, uint32_t a, float depth, uint32_t s
                                          plan->weakest, plan->extinction ? depth : 0, out);
 }
 
-// A ray for each block of the tiles that differ from their neighbours or whose visibility is
-// unknown.
+// A ray for each block of the tiles that differ from their neighbours or that may be partly in
+// shadow. A block's own ray is cast once more where its shadow was the tile's.
 static void trace_blocks(struct queue *q, const struct layout *l)
 {
     const struct single_plan *plan = q->plan;
@@ -368,11 +374,12 @@ static void trace_blocks(struct queue *q, const struct layout *l)
         loops->steps(s->value[a], 1u << l->log_wide, s->step[a]);
         for (uint32_t k = 0; k < l->n_tile; k++) {
             uint32_t t = tiled(k, l->log_wide), own = chosen(q, l, t, a);
-            bool fine = s->step[a][t] > differ || s->uncertain[a][own] > uncertain;
+            const float doubt = s->uncertain[a][own];
+            bool fine = s->step[a][t] > differ || fabsf(doubt) > uncertain;
             s->fine[a][t] = fine;
             for (uint32_t j = 0; fine && j < 4; j++) {
                 uint32_t b = block_of(t, j, l->log_wide);
-                if (b != own) s->list[n++] = ray_of_block(q, a, b);
+                if (b != own || doubt > 0) s->list[n++] = ray_of_block(q, a, b);
             }
         }
         find_exits(q, a, n);
@@ -384,7 +391,8 @@ static void trace_blocks(struct queue *q, const struct layout *l)
     }
 }
 
-// A ray for each texel of the blocks that differ from their neighbours.
+// A ray for each texel of the blocks that differ from their neighbours or that may be partly
+// in shadow.
 static void trace_texels(struct queue *q, const struct layout *l)
 {
     struct scratch *s = q->s;
@@ -392,15 +400,17 @@ static void trace_texels(struct queue *q, const struct layout *l)
     q->share = ONE;
     for (uint32_t a = 0; a < l->n_node; a++) {
         const float most = q->plan->differ_texel * l->rise[a];
+        const float uncertain = q->plan->uncertain_texel * l->rise[a];
         uint32_t n = 0;
         for (uint32_t k = 0; k < l->n_tile; k++) {
             const uint32_t t = tiled(k, l->log_wide);
             for (uint32_t j = 0; s->fine[a][t] > 0 && j < 4; j++) {
                 const uint32_t b = block_of(t, j, l->log_wide), own = ray_of_block(q, a, b);
-                if (!(s->step[a][b] > most)) continue;
+                const float doubt = s->uncertain[a][b];
+                if (!(s->step[a][b] > most || fabsf(doubt) > uncertain)) continue;
                 s->split[b] = 1;
                 for (uint32_t i = b * 4; i < b * 4 + 4; i++)
-                    if (i != own) s->list[n++] = i;
+                    if (i != own || doubt > 0) s->list[n++] = i;
             }
         }
         find_exits(q, a, n);

@@ -434,9 +434,9 @@ struct single_plan {
     float first_mm, last_mm;    /* least and greatest depth */
     float inward_mm;            /* reach of rays through the body */
     float weakest;              /* extinction that weighs differences between rays [mm^-1] */
-    /* Thresholds relative to full light at the node that contributes most: a tile or block is
-     * refined when it differs more from a neighbour, or when its shadow ray may hide more. */
-    float differ, differ_texel, uncertain;
+    /* Thresholds relative to full light at the node that contributes most: a tile is refined
+     * when it differs more from a neighbour, or when its shadow may hide more; and a block. */
+    float differ, uncertain, differ_texel, uncertain_texel;
     float max_optical_depth; /* beyond it one node's ray is used for all nodes */
 };
 /* Fills the fields behind work, and creates the horizon and the grid that it has none of;

@@ -43,7 +43,7 @@ static struct single_plan coarse_plan(const struct single_plan *full,
     if (draft) plan.horizon = NULL; // its rays would outnumber those of a few supports
     plan.differ = draft ? never : differ;
     plan.uncertain = draft ? never : uncertain;
-    plan.differ_texel = never;
+    plan.differ_texel = plan.uncertain_texel = never;
     return plan;
 }
 

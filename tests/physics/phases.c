@@ -172,7 +172,7 @@ static void rows_agree_with_the_reference(void **state)
             for (int c = 0; c < 3; c++)
                 expect_below(expect_name("%u terms%s: relative RMSE", terms[i],
                                          every ? ", every ray" : ""),
-                             error[c], every ? 0.02 : 0.03);
+                             error[c], every ? 0.015 : 0.02);
         }
     }
     prt_horizon_destroy(b.horizon);

@@ -15,6 +15,7 @@
 #include "expect.h"
 #include "bake/horizon_places.h"
 #include "bake/path_integral.h"
+#include "bake/single.h"
 #include "bake/stages.h"
 #include "prt/radial.h"
 
@@ -286,6 +287,63 @@ static void shares_are_those_of_rays(void **state)
     prt_mesh_destroy(coarse);
 }
 
+// A face of 16 x 16 texels whose tiles are, in turn, one cell, four blocks, and blocks of which
+// one is split; a cell has a linear function's value at its middle.
+static void linear_face(uint32_t cell[256], float value[256])
+{
+    uint32_t n_cell = 0;
+    for (uint32_t t = 0; t < 16; t++) {
+        const uint32_t first = t / 4 * 64 + t % 4 * 4, kind = (t / 4 + t) % 3;
+        for (uint32_t i = 0; i < 16; i++) {
+            const uint32_t x = i % 4, y = i / 4, block = y / 2 * 2 + x / 2;
+            const bool split = kind == 2 && block == 3;
+            const uint32_t wide = kind == 0 ? 4 : split ? 1 : 2;
+            const uint32_t own = kind == 0 ? 0 : split ? 3 + y % 2 * 2 + x % 2 : block;
+            cell[first + y * 16 + x] = n_cell + own;
+            const float middle_x = (float)(t % 4 * 4 + x / wide * wide) + 0.5f * (float)wide;
+            const float middle_y = (float)(t / 4 * 4 + y / wide * wide) + 0.5f * (float)wide;
+            value[first + y * 16 + x] = 1 + 0.25f * middle_x + 0.75f * middle_y;
+        }
+        n_cell += kind == 0 ? 1 : kind == 1 ? 4 : 7;
+    }
+}
+
+// Law: texels of a block are bilinear between the means of blocks (METHODS §3.5); those of
+// tiles and of split blocks stay as they were traced. Beyond a face's edge lies the block
+// itself.
+static void blocks_are_bilinear(void **state)
+{
+    uint32_t cell[256];
+    float traced[256], value[256], mean[64], block[8][8];
+    linear_face(cell, traced);
+    memcpy(value, traced, sizeof value);
+    prt_smooth_blocks(cell, 16, value, mean);
+    for (uint32_t b = 0; b < 64; b++) {
+        const float *at = traced + b / 8 * 32 + b % 8 * 2;
+        block[b / 8][b % 8] = (at[0] + at[1] + at[16] + at[17]) / 4;
+    }
+    unsigned smooth = 0;
+    for (uint32_t i = 0; i < 256; i++) {
+        const uint32_t x = i % 16, y = i / 16, corner = (y & ~1u) * 16 + (x & ~1u);
+        const uint32_t tile = (y & ~3u) * 16 + (x & ~3u);
+        if (cell[tile] == cell[tile + 51] || cell[corner] != cell[corner + 17]) {
+            assert_true(value[i] == traced[i]);
+            continue;
+        }
+        // The middle of texel x lies between the middles of two blocks.
+        const double u = fmin(fmax(((double)x + 0.5) / 2 - 0.5, 0), 7);
+        const double v = fmin(fmax(((double)y + 0.5) / 2 - 0.5, 0), 7);
+        const unsigned left = (unsigned)fmin(u, 6), top = (unsigned)fmin(v, 6);
+        const double s = u - left, r = v - top;
+        const double want =
+            (1 - r) * ((1 - s) * (double)block[top][left] + s * (double)block[top][left + 1]) +
+            r * ((1 - s) * (double)block[top + 1][left] + s * (double)block[top + 1][left + 1]);
+        expect_close("value of a texel", (double)value[i], want, 1e-6);
+        smooth++;
+    }
+    assert_true(smooth > 100);
+}
+
 // Clusters of made-up rows whose coefficients fall off at very different rates.
 static struct factored *rows_of(uint32_t n_cluster, uint32_t n_vertex, uint32_t n, uint32_t J)
 {
@@ -482,6 +540,7 @@ int main(void)
         cmocka_unit_test(known_directions_take_no_rays),
         cmocka_unit_test(certain_bins_are_certain),
         cmocka_unit_test(shares_are_those_of_rays),
+        cmocka_unit_test(blocks_are_bilinear),
         cmocka_unit_test(the_bytes_allowed_are_used),
         cmocka_unit_test(short_steps_of_long_paths),
         cmocka_unit_test(places_are_corners_of_the_part),
