@@ -184,6 +184,74 @@ static void rows_agree_with_the_reference(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// The mean light of each vertex along -n_o from its rows, isotropic.
+static void shade_straight(const struct bake *b, const struct prt_cube *light,
+                           const uint32_t *vertex, uint32_t n_vertex, float (*out)[3])
+{
+    const struct directions *d = b->directions;
+    struct fresnel_table fresnel;
+    float *row = prt_alloc(3 * (size_t)d->n_coef, sizeof *row);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single[0]), 1);
+    assert_true(row && scratch);
+    prt_fresnel_table_init(&fresnel, b->o.media.medium->eta);
+    for (uint32_t i = 0; i < n_vertex; i++) {
+        (void)prt_single_rows(&b->single[0], &fresnel, vertex[i], row, scratch);
+        for (int c = 0; c < 3; c++) {
+            double sum = 0;
+            for (uint32_t t = 0; t < d->n_coef; t++)
+                sum += (double)row[(size_t)c * d->n_coef + t] * (double)d->solid_angle[t] *
+                       (double)light->texel[t * 3 + (uint32_t)c];
+            out[i][c] = (float)(sum / sqrt(4 * M_PI)); // Y_00
+        }
+    }
+    prt_free(row);
+    prt_free(scratch);
+}
+
+// Law: in the folds of a finely divided body, where shadows are shares of the horizon's bins
+// (METHODS §3.5), single scattering is the reference's under lamps of a few texels.
+static void shadows_agree_with_the_reference(void **state)
+{
+    enum { PARTS = 80, EVERY = 97, N = 2 * PARTS * (PARTS + 1) / EVERY };
+    struct model model;
+    model_init(&model, 2 * PARTS * (PARTS + 1), 4 * PARTS * PARTS);
+    add_ball(&model, 2 * PARTS, PARTS, PARTS, fluted_ball);
+    struct prt_mesh *mesh = body_mesh(&context, &model, false);
+    struct prt_material m = *medium();
+    struct prt_cube light = light_of(32);
+    const struct prt_cube *lights[] = {&light};
+    struct bake b = {.ctx = &context, .mesh = mesh};
+    uint32_t vertex[N];
+    float want[N][3], got[N][3], (*const out[1])[3] = {want};
+    for (uint32_t i = 0; i < N; i++) vertex[i] = i * EVERY + 40;
+    for (int c = 0; c < 3; c++) m.g[c] = 0;
+    b.o.media = prt_media_one(&m);
+    b.o.n_phase = 1;
+    b.o.n_single = 32;
+    const struct prt_reference_options o = {.term = PRT_REFERENCE_SINGLE,
+                                            .straight_single = true,
+                                            .n_single = 16384,
+                                            .seed = 5,
+                                            .vertex = vertex,
+                                            .n_vertex = N};
+    assert_int_equal(prt_reference_many(&context, mesh, 1, &b.o.media, 1, lights, &o, out),
+                     PRT_OK);
+    assert_int_equal(prt_scene_create(&context, mesh, &b.scene), PRT_OK);
+    assert_int_equal(prt_directions_create(context.cpu, 32, 4, 1, &b.directions), PRT_OK);
+    assert_int_equal(prt_bake_plan_single(&b, NULL, 0), PRT_OK);
+    shade_straight(&b, &light, vertex, N, got);
+    const double error = prt_relative_rmse(got[0], want[0], (size_t)N * 3);
+    print_message("%d vertices of a fluted ball: %.2f %%\n", N, 100 * error);
+    expect_below("relative RMSE in folds", error, 0.009);
+    prt_bake_unplan_single(&b);
+    prt_horizon_destroy(b.horizon);
+    prt_triangle_grid_destroy(b.grid);
+    prt_directions_destroy(b.directions);
+    prt_scene_destroy(b.scene);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
 // Answers of a baked file towards the eye.
 static void bake_and_answer(const struct prt_mesh *mesh, const struct prt_bake_options *o,
                             const struct prt_cube *light, float (*out)[3])
@@ -258,6 +326,7 @@ int main(void)
     if (prt_pool_create(0, &context.pool)) return 1;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_agree_with_the_reference),
+        cmocka_unit_test(shadows_agree_with_the_reference),
         cmocka_unit_test(a_baked_file_agrees_with_the_reference),
     };
     int failed = run_physics_tests(tests, NULL, NULL);
