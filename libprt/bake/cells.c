@@ -20,7 +20,7 @@ struct vertex_cells {
 struct cell_rows {
     unsigned cpu;                             // mask of enum prt_cpu
     uint32_t n_vertex, n_function, n, n_coef; // n: texels across a face
-    bool every_ray;                           // each texel is a cell
+    bool smooth;                              // between blocks
     struct vertex_cells *vertex;
 };
 
@@ -131,7 +131,7 @@ static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
     return status;
 }
 
-// Expands one function and one face at a time to dense rows, smooth between blocks.
+// Expands one function and one face at a time to dense rows.
 static int cells_project(void *user, const float *u, uint32_t rank, float *out)
 {
     const struct cell_rows *r = user;
@@ -149,7 +149,7 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
                                  c->begin[k + 1] - c->begin[k], value);
             loops->expand_cells(value, c->cell + k * face, c->begin[k], face,
                                 dense + (size_t)v * face);
-            if (!r->every_ray)
+            if (r->smooth)
                 prt_smooth_blocks(c->cell + k * face, r->n, dense + (size_t)v * face, mean);
         }
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, (int)face,
@@ -172,7 +172,7 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
                              .n_function = job->n_function,
                              .n = b->directions->n,
                              .n_coef = b->directions->n_coef,
-                             .every_ray = b->o.every_ray,
+                             .smooth = prt_single_smooth(&b->single[prt_bake_medium(b, c)]),
                              .vertex = calloc(cluster->n_vertex, sizeof *rows.vertex)};
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {

@@ -254,7 +254,7 @@ uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_ta
         float *to = out + (size_t)p * n;
         memcpy(row, out + (size_t)p * c.n_cell, c.n_cell * sizeof *row);
         for (uint32_t t = 0; t < n; t++) to[t] = row[c.cell[t]];
-        for (uint32_t f = 0; f < 6 && !plan->every_ray; f++)
+        for (uint32_t f = 0; f < 6 && prt_single_smooth(plan); f++)
             prt_smooth_blocks(c.cell + f * n / 6, plan->directions->n, to + f * n / 6, mean);
     }
     return rays;

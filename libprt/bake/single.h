@@ -61,6 +61,12 @@ static inline uint32_t block_of(uint32_t t, uint32_t j, unsigned log_wide)
     const uint32_t y = (t >> log_wide) * 2 + (j >> 1), x = (t & ((1u << log_wide) - 1)) * 2;
     return (y << (log_wide + 1)) + x + (j & 1);
 }
+/* Whether a plan's values are smooth between blocks: not those of a free medium, whose many
+ * functions would cost a joint bake some 25 s of CPU time. */
+static inline bool prt_single_smooth(const struct single_plan *plan)
+{
+    return !plan->every_ray && !plan->extinction;
+}
 /* Values of a face's texels that share those of a block, [n][n], become bilinear between the
  * means of blocks. cell: the face's cells. mean: room for n n / 4. */
 void prt_smooth_blocks(const uint32_t *cell, uint32_t n, float *value, float *mean);
