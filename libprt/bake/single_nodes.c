@@ -93,8 +93,8 @@ static uint32_t deciding(const struct single_plan *plan)
 }
 
 // Of light that counts for less, the share that the horizon's corners see is taken; of more, a
-// shadow ray decides. Chosen: with 1 in its place rays fall from 1781 to 1194 a vertex of the
-// bunny in marble, 50 mm, and the error under three soft boxes grows from 0.66 to 0.85 %.
+// shadow ray decides. Chosen: with 1 in its place a third fewer rays are cast on the bunny, and
+// the error under soft boxes grows by a quarter.
 static const float sure_share = 0.3f;
 
 // Of the lanes whose visibility is not certain, the light of a tile or a block, and weak light
