@@ -292,7 +292,6 @@ static int prepare(struct bake *b)
     if (status == PRT_OK)
         status = prt_directions_create(b->ctx->cpu, b->o.cube, prt_bake_patterns(&b->o),
                                        b->o.seed, &b->directions);
-    if (status == PRT_OK && b->o.draft) b->directions->faint = 1;
     if (status == PRT_OK)
         status = prt_clusters_create(mesh, prt_bake_cluster_size(b), &b->clusters);
     if (status == PRT_OK && any && b->o.scattering == PRT_SCATTERING_WALK)
@@ -367,8 +366,9 @@ int prt_bake_irradiance(struct bake *b)
     if (!b->surface || prt_shard_assembling(b) || prt_checkpoint_skips_rows(b)) return PRT_OK;
     struct prt_eta_nodes nodes;
     const bool any_eta = prt_bake_eta_nodes(b, PRT_FAMILY_DIPOLE, &nodes);
+    const bool needed = !b->o.no_single && !b->o.draft; // by single scattering
     if (!b->horizon &&
-        prt_irradiance_horizon_pays(b->directions, b->scene, b->surface->n_sample))
+        (needed || prt_irradiance_horizon_pays(b->directions, b->scene, b->surface->n_sample)))
         (void)prt_horizon_create( // without memory every ray is cast
             b->scene, prt_horizon_more(b->mesh->n_vertex, b->surface->n_sample), &b->horizon);
     struct row_store *store = prt_row_store_open(b);

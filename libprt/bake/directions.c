@@ -12,9 +12,6 @@ static double density(double s, double t)
     return 1 / (q * sqrt(q));
 }
 
-// A cosine of 0.16. Chosen with the horizon: the two change rows by 0.2 %.
-static const float faint_light = 0.04f;
-
 // The sub-sample of texel i of a packet is (turn + i) & 3, as in texel_ray.
 static float *slopes_of(const struct directions *d, unsigned pattern, unsigned turn)
 {
@@ -58,7 +55,6 @@ int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t
     if (!d) return PRT_NOMEM;
     d->cpu = cpu;
     d->n = n;
-    d->faint = faint_light;
     d->n_coef = 6 * n * n;
     d->n_pattern = n_pattern;
     d->n_packet = d->n_coef / 4;

@@ -74,9 +74,9 @@ uint32_t prt_horizon_words(uint32_t n_place)
     return n_place > most_fine_places ? COARSE_PAIRS : FINE_PAIRS;
 }
 
-// A place casts some 1800 rays. A sample without a horizon casts up to 24,576, four a texel: so
-// many places take a few percent of the rays that they spare. Beyond most_fine_places all bins
-// would be coarse.
+// A place casts some 1800 rays. A sample without a horizon casts some 3000, one for each texel
+// above its plane: so many places take a sixth of the rays that they may spare. Beyond
+// most_fine_places all bins would be coarse.
 uint32_t prt_horizon_more(uint32_t n_vertex, uint32_t n_sample)
 {
     const uint32_t paid = n_sample / 4,

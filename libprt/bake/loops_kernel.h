@@ -8,8 +8,7 @@
 // the lanes that can carry light. The loops have no branch, so that they vectorise.
 static uint32_t PRT_KERNEL(prepare)(const struct directions *d, size_t at, const float n[3],
                                     const float f[3], const struct fresnel_table *fresnel,
-                                    struct prt_packet *restrict packet, float *restrict value,
-                                    float *restrict share)
+                                    struct prt_packet *restrict packet, float *restrict value)
 {
     const float *x = d->x + at, *y = d->y + at, *z = d->z + at, *weight = d->weight + at;
     const float n0 = n[0], n1 = n[1], n2 = n[2], f0 = f[0], f1 = f[1], f2 = f[2];
@@ -24,7 +23,7 @@ static uint32_t PRT_KERNEL(prepare)(const struct directions *d, size_t at, const
     }
     for (int i = 0; i < 16; i++) {
         packet->dx[i] = x[i], packet->dy[i] = y[i], packet->dz[i] = z[i];
-        value[i] = share[i] = c[i] * weight[i];
+        value[i] = c[i] * weight[i];
     }
     for (int i = 0; fresnel && i < 16; i++) value[i] *= fresnel_table_eval(fresnel, c[i]);
     for (int i = 0; i < 16; i++) mask |= (uint32_t)(c[i] > 0) << i;

@@ -28,7 +28,8 @@ static int full_range(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t i = begin; row && half && i < end; i++) {
         const struct receiver at = {j->surface->position[i], j->surface->normal[i],
                                     j->surface->face_normal[i]};
-        rays += prt_irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, &at, NULL, row);
+        rays += prt_irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, &at, NULL,
+                                   EVERY_RAY, row);
         prt_f32_to_f16_array(row, j->d->n_coef, half);
     }
     atomic_fetch_add(&j->rays, rays);

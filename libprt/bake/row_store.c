@@ -162,8 +162,7 @@ static uint64_t hash_sampling(const struct bake *b)
     const struct directions *d = b->directions;
     const uint64_t more[] = {PRT_BAKE_VERSION, b->ctx ? b->ctx->cpu : 0, b->o.seed, d->n,
                              d->n_pattern};
-    const uint64_t h = prt_hash64(more, sizeof more, 4);
-    return prt_hash64(&d->faint, sizeof d->faint, h);
+    return prt_hash64(more, sizeof more, 4);
 }
 
 static uint64_t hash_all(const struct bake *b, const struct shape *shape, uint64_t sampling)

@@ -29,8 +29,6 @@ struct directions {
     float *weight;      /* [n_pattern][n_packet][16] */
     uint32_t *texel;    /* [n_packet][4] texel of each four lanes */
     float *solid_angle; /* [n_coef] sr */
-    float faint;        /* share of a texel's light, without Fresnel's factor, below which one
-                           ray of four is cast first */
     uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
     float *slope;       /* [n_pattern][4][2][n_coef] s and t of the direction (s, t, 1) on its
                            face, by which of a texel's sub-samples single scattering takes */
@@ -62,16 +60,21 @@ struct receiver {
     bool model_units;                  /* of origin, in place of mm */
 };
 struct horizon_view;
+/* The rays of a receiver that find V, the open share of a texel. */
+enum texel_rays {
+    EVERY_RAY,     /* SUBS rays a texel */
+    AGREEING_RAYS, /* one; the others only where those of 2 x 2 texels disagree */
+    RAY_A_TEXEL    /* one, which says 0 or 1, and one for 2 x 2 texels near the tangent plane;
+                      pattern chooses which, so that the mean over receivers is right */
+};
 /* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
  * (times the texel's solid angle it is the irradiance transport). fresnel NULL: F_t = 1. With a
  * view, the horizon of the receiver's triangle, directions whose visibility is certain take no
- * ray; and where the light is below d->faint one ray a texel is cast first, the other three
- * only if the four rays of 2 x 2 texels disagree. view NULL: every ray is cast. Returns the
- * number of rays cast. */
+ * ray. view NULL: all directions do. Returns the number of rays cast. */
 uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
                             unsigned pattern, const struct fresnel_table *fresnel,
                             const struct receiver *at, const struct horizon_view *view,
-                            float *out);
+                            enum texel_rays rays, float *out);
 /* The same with the directions that see the sky, open [n_packet], a bit a ray: those of packets
  * in the set `fresh` are found and written, the others are taken and no ray is cast for them.
  * fresh [(n_packet + 63) / 64]; NULL: all packets. What is found for a packet does not depend
@@ -79,7 +82,8 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
 uint64_t prt_irradiance_lanes(const struct prt_scene *scene, const struct directions *d,
                               unsigned pattern, const struct fresnel_table *fresnel,
                               const struct receiver *at, const struct horizon_view *view,
-                              const uint64_t *fresh, uint16_t *open, float *out);
+                              enum texel_rays rays, const uint64_t *fresh, uint16_t *open,
+                              float *out);
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 

@@ -136,7 +136,8 @@ int prt_bake_opaque_rows(const struct tensor_job *job, uint32_t c, const uint32_
         const float *normal = b->mesh->normal[v];
         float *row = t + (size_t)i * 3 * n_coef;
         const struct receiver at = {b->mesh->position[v], normal, normal};
-        prt_irradiance_row(b->scene, b->directions, v, NULL, &at, NULL, row + 2 * n_coef);
+        prt_irradiance_row(b->scene, b->directions, v, NULL, &at, NULL,
+                           b->o.draft ? AGREEING_RAYS : EVERY_RAY, row + 2 * n_coef);
         for (int ch = 0; ch < 3; ch++) // the last channel is scaled in place
             for (uint32_t k = 0; k < n_coef; k++)
                 row[(size_t)ch * n_coef + k] =

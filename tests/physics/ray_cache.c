@@ -100,9 +100,9 @@ static void second_material_casts_no_rays(void **state)
     prt_mesh_destroy(mesh);
 }
 
-// Contract of options.cache: a bake of every ray takes none of a draft, which casts one of four
-// where four agree, and writes the bytes that it writes without.
-static void drafts_have_rays_of_their_own(void **state)
+// Contract of options.cache: a full bake after a draft writes the bytes that it writes without
+// the draft's rays.
+static void drafts_change_no_bytes(void **state)
 {
     struct prt_mesh *mesh = body();
     struct prt_bake_options o = options("marble", PRT_TRANSPORT_WAVELET);
@@ -250,7 +250,7 @@ int main(void)
     snprintf(cache, sizeof cache, "%s/cache", folder);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(second_material_casts_no_rays),
-        cmocka_unit_test(drafts_have_rays_of_their_own),
+        cmocka_unit_test(drafts_change_no_bytes),
         cmocka_unit_test(damage_costs_rays_alone),
         cmocka_unit_test(killed_bake_leaves_nothing_half),
         cmocka_unit_test(folder_keeps_to_its_budget),

@@ -12,7 +12,7 @@ target_compile_definitions(next_prt PRIVATE PRT_VERSION="${PROJECT_VERSION}")
 target_link_libraries(next_prt PRIVATE prt_options prt prt_formats ${CJSON_LIBRARY} m)
 foreach(program relightd prt)
   target_include_directories(next_${program} PRIVATE ${CMAKE_SOURCE_DIR}/libprt)
-  target_compile_definitions(next_${program} PRIVATE PRT_FILE_VERSION=3 PRT_BAKE_VERSION=6)
+  target_compile_definitions(next_${program} PRIVATE PRT_FILE_VERSION=3 PRT_BAKE_VERSION=7)
   set_target_properties(next_${program} PROPERTIES OUTPUT_NAME ${program}
     RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/next)
 endforeach()

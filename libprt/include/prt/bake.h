@@ -14,7 +14,7 @@ extern "C" {
 /* Raised when a bake of the same inputs gives other numbers than before: what is cached by a
  * bake's inputs has this among them. */
 #ifndef PRT_BAKE_VERSION /* a test builds programs of the next version */
-enum { PRT_BAKE_VERSION = 5 };
+enum { PRT_BAKE_VERSION = 6 };
 #endif
 
 /* The dipole takes the surface around each point for a plane. Random walks inside the body
