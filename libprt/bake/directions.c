@@ -48,6 +48,22 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
     }
 }
 
+// What is the same for every pattern.
+static void fill_middle(struct directions *d, uint32_t packet, unsigned face, uint32_t bx,
+                        uint32_t by)
+{
+    float dir[3];
+    struct packet_bins *bins = &d->bins[packet];
+    prt_cube_direction(face, 2.0 * (bx + 1) / d->n - 1, 2.0 * (by + 1) / d->n - 1, dir);
+    for (int c = 0; c < 3; c++) d->centre[c][packet] = dir[c];
+    *bins = (struct packet_bins){
+        .word = {d->bin[d->texel[packet * 4]] / 64, d->bin[d->texel[packet * 4 + 3]] / 64}};
+    for (int j = 0; j < 4; j++) {
+        const uint16_t bin = d->bin[d->texel[packet * 4 + (unsigned)j]];
+        bins->mask[bin / 64 != bins->word[0]] |= (uint64_t)1 << bin % 64;
+    }
+}
+
 int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
                           struct directions **out)
 {
@@ -64,9 +80,12 @@ int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t
     d->texel = prt_alloc((size_t)d->n_packet * 4, 4);
     d->solid_angle = prt_alloc(d->n_coef, 4);
     d->bin = prt_alloc(d->n_coef, sizeof *d->bin);
+    d->bins = prt_alloc(d->n_packet, sizeof *d->bins);
+    float *centre = prt_alloc((size_t)3 * d->n_packet, sizeof *centre);
+    for (size_t c = 0; c < 3; c++) d->centre[c] = centre ? centre + c * d->n_packet : NULL;
     d->slope = prt_alloc(2 * rays, 4);
     if (!d->slope || !d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle ||
-        !d->bin) {
+        !d->bin || !d->bins || !centre) {
         prt_directions_destroy(d);
         return PRT_NOMEM;
     }
@@ -82,6 +101,9 @@ int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t
         uint32_t x = i % n * HORIZON_WIDE / n, y = i / n % n * HORIZON_WIDE / n;
         d->bin[i] = (uint16_t)((i / (n * n) * HORIZON_WIDE + y) * HORIZON_WIDE + x);
     }
+    for (uint32_t k = 0, face = 0; face < 6; face++)
+        for (uint32_t y = 0; y < n; y += 2)
+            for (uint32_t x = 0; x < n; x += 2, k++) fill_middle(d, k, face, x, y);
     *out = d;
     return PRT_OK;
 }
@@ -94,6 +116,8 @@ void prt_directions_destroy(struct directions *d)
     prt_free(d->texel);
     prt_free(d->solid_angle);
     prt_free(d->bin);
+    prt_free(d->bins);
+    prt_free(d->centre[0]);
     prt_free(d->slope);
     free(d);
 }

@@ -10,9 +10,9 @@
 #include <stddef.h>
 
 struct bake_loops {
-    uint32_t (*prepare)(const struct directions *d, size_t at, const float n[3],
-                        const float f[3], const struct fresnel_table *fresnel,
-                        struct prt_packet *packet, float *value);
+    uint32_t (*light_texels)(const struct directions *d, size_t at, const float n[3],
+                             const float f[3], const struct fresnel_table *fresnel,
+                             uint32_t open, float sum[4]);
     void (*aim)(const struct directions *d, const float *slope, const uint32_t number[16],
                 struct prt_packet *packet, uint32_t texel[16], float length[16]);
     uint32_t (*refract)(const struct prt_packet *packet, const struct corners *corner,

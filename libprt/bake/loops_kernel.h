@@ -4,15 +4,17 @@
 
 /* ---- rays ---- */
 
-// Cosines, mask and weights of one packet; share is the value without Fresnel's factor. Returns
-// the lanes that can carry light. The loops have no branch, so that they vectorise.
-static uint32_t PRT_KERNEL(prepare)(const struct directions *d, size_t at, const float n[3],
-                                    const float f[3], const struct fresnel_table *fresnel,
-                                    struct prt_packet *restrict packet, float *restrict value)
+// Light of a packet's four texels through the lanes of `open`: the sums of F_t (n.w)+ and the
+// weight, of directions above the face's plane. Returns the lanes that are. n, f: normals of
+// the shading and the face. fresnel NULL: F_t = 1.
+static uint32_t PRT_KERNEL(light_texels)(const struct directions *d, size_t at,
+                                         const float n[3], const float f[3],
+                                         const struct fresnel_table *fresnel, uint32_t open,
+                                         float sum[4])
 {
     const float *x = d->x + at, *y = d->y + at, *z = d->z + at, *weight = d->weight + at;
     const float n0 = n[0], n1 = n[1], n2 = n[2], f0 = f[0], f1 = f[1], f2 = f[2];
-    float c[16];
+    float c[16], value[16];
     uint32_t mask = 0;
     for (int i = 0; i < 16; i++) {
         float cosine = n0 * x[i] + n1 * y[i] + n2 * z[i];
@@ -21,12 +23,11 @@ static uint32_t PRT_KERNEL(prepare)(const struct directions *d, size_t at, const
         cosine = cosine > 0 ? cosine : 0;
         c[i] = cosine < 1 ? cosine : 1;
     }
-    for (int i = 0; i < 16; i++) {
-        packet->dx[i] = x[i], packet->dy[i] = y[i], packet->dz[i] = z[i];
-        value[i] = c[i] * weight[i];
-    }
+    for (int i = 0; i < 16; i++) value[i] = open >> i & 1 ? c[i] * weight[i] : 0;
     for (int i = 0; fresnel && i < 16; i++) value[i] *= fresnel_table_eval(fresnel, c[i]);
     for (int i = 0; i < 16; i++) mask |= (uint32_t)(c[i] > 0) << i;
+    for (int j = 0; j < 4; j++)
+        sum[j] = (value[4 * j] + value[4 * j + 1]) + (value[4 * j + 2] + value[4 * j + 3]);
     return mask;
 }
 
@@ -368,7 +369,7 @@ static void PRT_KERNEL(raise_share)(const float *x, float scale, float *share, u
 }
 
 static const struct bake_loops PRT_KERNEL(loops) = {
-    .prepare = PRT_KERNEL(prepare),
+    .light_texels = PRT_KERNEL(light_texels),
     .aim = PRT_KERNEL(aim),
     .refract = PRT_KERNEL(refract),
     .attenuate = PRT_KERNEL(attenuate),

@@ -20,18 +20,24 @@ enum { MAX_PACKETS = 6 * PRT_BAKE_CUBE_MAX * PRT_BAKE_CUBE_MAX / 4 };
 
 /* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
  * the whole sphere. The weights of a texel's sub-samples sum to 1. */
+struct packet_bins { /* of the 64-bit words of a horizon's sets; a mask of 0: one word */
+    uint64_t mask[2];
+    uint16_t word[2];
+};
 struct directions {
-    unsigned cpu;       /* mask of enum prt_cpu for the loops over packets */
-    uint32_t n, n_coef; /* cube size, a power of 2 from 16; 6 n n texels */
-    uint32_t n_pattern; /* jitters of the sphere */
-    uint32_t n_packet;  /* packets of one pattern */
-    float *x, *y, *z;   /* [n_pattern][n_packet][16] unit vectors */
-    float *weight;      /* [n_pattern][n_packet][16] */
-    uint32_t *texel;    /* [n_packet][4] texel of each four lanes */
-    float *solid_angle; /* [n_coef] sr */
-    uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
-    float *slope;       /* [n_pattern][4][2][n_coef] s and t of the direction (s, t, 1) on its
-                           face, by which of a texel's sub-samples single scattering takes */
+    unsigned cpu;             /* mask of enum prt_cpu for the loops over packets */
+    uint32_t n, n_coef;       /* cube size, a power of 2 from 16; 6 n n texels */
+    uint32_t n_pattern;       /* jitters of the sphere */
+    uint32_t n_packet;        /* packets of one pattern */
+    float *x, *y, *z;         /* [n_pattern][n_packet][16] unit vectors */
+    float *weight;            /* [n_pattern][n_packet][16] */
+    uint32_t *texel;          /* [n_packet][4] texel of each four lanes */
+    float *solid_angle;       /* [n_coef] sr */
+    uint16_t *bin;            /* [n_coef] bin of a horizon that contains the texel's centre */
+    struct packet_bins *bins; /* [n_packet] those of a packet's texels */
+    float *centre[3];         /* [n_packet] unit vectors to the middle of a packet */
+    float *slope; /* [n_pattern][4][2][n_coef] s and t of the direction (s, t, 1) on its
+                     face, by which of a texel's sub-samples single scattering takes */
 };
 int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
                           struct directions **out);
