@@ -54,6 +54,13 @@ export function people({ open, mode, PATIENCE }) {
     },
     /** Until all that the page sent is answered and its hand rests. */
     rests: (page) => page.waitForFunction(() => globalThis.relightRoom.rests(), null, PATIENCE),
+    /** Until the focus is on the button of that name: what was closed gives it back. */
+    focusIsOn: (page, name) =>
+      page.waitForFunction(
+        (words) => document.activeElement?.textContent === words,
+        name,
+        PATIENCE,
+      ),
     /** Pins, and waits until the page lists it. */
     async pin(page, text, at) {
       await placePin(page, text, at);

@@ -6,7 +6,7 @@ import { people, roomOf } from "./people.mjs";
 
 /** tools: as roomScenarios of rooms.mjs. */
 export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIENCE }) {
-  const { enter, create, rests, pin } = people({ open, mode, PATIENCE });
+  const { enter, create, rests, pin, focusIsOn } = people({ open, mode, PATIENCE });
   const begin = (home, name, title) =>
     create(home, "model=marble.prt&light=constant@0,0", name, title);
 
@@ -289,6 +289,7 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       );
       await ann.keyboard.press("Escape");
       await dialog.waitFor({ ...PATIENCE, state: "detached" });
+      await focusIsOn(ann, "Compare");
       await ann
         .locator(".revisions li")
         .nth(1)

@@ -87,7 +87,7 @@ function quantile(values, share) {
 /** tools: open, mode, shot, axe, roomLog, PATIENCE of page.mjs. */
 export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
   const sceneEvents = (room) => roomLog(room).filter(({ action }) => action.scene);
-  const { enter, create, join, inRoom } = people({ open, mode, PATIENCE });
+  const { enter, create, join, inRoom, focusIsOn } = people({ open, mode, PATIENCE });
 
   return {
     async "two people review in a room"(home) {
@@ -251,6 +251,7 @@ export function roomScenarios({ open, mode, shot, axe, roomLog, PATIENCE }) {
       );
       await ann.keyboard.press("Escape");
       await ann.locator(".print").waitFor({ ...PATIENCE, state: "detached" });
+      await focusIsOn(ann, "Print");
       await ann.getByRole("button", { name: "Look alone" }).waitFor(PATIENCE);
 
       await ann.context().close();

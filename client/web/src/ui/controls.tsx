@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Small controls that the panels are made of.
 import type { ComponentChildren } from "preact";
-import { useEffect, useId, useRef } from "preact/hooks";
+import { useEffect, useId, useLayoutEffect, useRef } from "preact/hooks";
 
 export function Section(props: {
   title: string;
@@ -52,7 +52,8 @@ export function arrowKeys(event: KeyboardEvent & { currentTarget: HTMLElement })
 
 /** Gives the focus to what appears, and back to where it was when that goes with the focus in it. */
 export function useFocus(node: { current: HTMLElement | null }, isThere = true): void {
-  useEffect(() => {
+  // Before the browser draws: what becomes inert behind it loses the focus then.
+  useLayoutEffect(() => {
     const now = isThere ? node.current : null;
     if (!now) return undefined;
     const before = document.activeElement;
