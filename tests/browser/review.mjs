@@ -95,6 +95,11 @@ export function reviewScenarios({ open, mode, settled, shot, axe, roomLog, PATIE
       await ann.locator(".stage").focus();
       await ann.keyboard.press("j");
       await ann.locator(".thread").waitFor(PATIENCE);
+      const keys = ann.getByRole("button", { name: "Keys" });
+      await keys.click();
+      await ann.getByText("look around alone, back to all").waitFor(PATIENCE);
+      await keys.click();
+      assert.equal(await ann.locator(".keys").count(), 0);
       // The keys of a room are no text of a slider.
       await light();
       await ann.getByRole("slider", { name: "Turn" }).focus();

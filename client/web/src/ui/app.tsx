@@ -263,7 +263,7 @@ function Empty() {
       <h1>Turn the light over a model</h1>
       <p>
         {mayUpload.value
-          ? "Drop a GLB here. It is seen at once, and baked while you look."
+          ? "Drop a model here: GLB, OBJ, PLY or STL. It is seen at once, and baked while you look."
           : "There is no model yet, and this token may not bring one."}
       </p>
       {mayUpload.value && (

@@ -316,6 +316,16 @@ export function RoomBar() {
       <button type="button" onClick={() => (printing.value = true)}>
         Print
       </button>
+      <button
+        type="button"
+        class="keys-button"
+        aria-label="Keys"
+        title="Keys (?)"
+        aria-expanded={help.value}
+        onClick={() => (help.value = !help.value)}
+      >
+        ?
+      </button>
       <IconButton icon="close" label="Leave the room" onClick={leave} />
       {conflict.value && (
         <p class="conflict" role="alert">
