@@ -369,7 +369,7 @@ int prt_bake_irradiance(struct bake *b)
     const bool needed = !b->o.no_single && !b->o.draft; // by single scattering
     if (!b->horizon &&
         (needed || prt_irradiance_horizon_pays(b->directions, b->scene, b->surface->n_sample)))
-        (void)prt_horizon_create( // without memory every ray is cast
+        (void)prt_horizon_create( // without memory no direction is known
             b->scene, prt_horizon_more(b->mesh->n_vertex, b->surface->n_sample), &b->horizon);
     struct row_store *store = prt_row_store_open(b);
     struct irradiance_source from = {.scene = b->scene,

@@ -146,7 +146,7 @@ struct irradiance_source {
     struct checkpoint *checkpoint;     /* or NULL */
     struct row_store *store;           /* of this pass, or NULL */
     struct work_meters *work;          /* or NULL */
-    struct horizon *horizon;           /* or NULL: every ray is cast */
+    struct horizon *horizon;           /* or NULL: no direction is known */
     const struct prt_media *media;     /* whose eta each object has */
     const struct prt_eta_nodes *nodes; /* two, of all objects: rows have two layers; or NULL */
     size_t room;                       /* bytes of memory for the rows (prt_half_rows_create) */
