@@ -38,25 +38,41 @@ static void PRT_KERNEL(project)(const struct nearby *near, uint32_t first, const
     for (int c = 0; c < 3; c++)
         for (int k = 0; k < 3; k++)
             for (int i = 0; i < 16; i++) plane[c][k][first + i] = p[c][k][i] * scale[i];
+    float inverse[3][3][16]; // of the corners' coordinates
+    for (int c = 0; c < 3; c++)
+        for (int k = 0; k < 3; k++)
+            for (int i = 0; i < 16; i++)
+                inverse[c][k][i] = 1 / (v[c][k][i] == 0 ? 1 : v[c][k][i]);
     const float half = 0.5f * (float)n, last = (float)(n - 1);
     for (int f = 0; f < 6; f++) {
         const struct face_axes *axes = &face_axes[f];
         const float *s0 = v[0][axes->s], *s1 = v[1][axes->s], *s2 = v[2][axes->s];
         const float *t0 = v[0][axes->t], *t1 = v[1][axes->t], *t2 = v[2][axes->t];
         const float *m0 = v[0][axes->m], *m1 = v[1][axes->m], *m2 = v[2][axes->m];
+        const float *i0 = inverse[0][axes->m], *i1 = inverse[1][axes->m];
+        const float *i2 = inverse[2][axes->m];
         const float ss = axes->sign_s, st = axes->sign_t, sm = axes->sign_m;
+        uint32_t beside[16], any = 0;
+        for (int i = 0; i < 16; i++) {
+            float a = ss * s0[i], b = ss * s1[i], c = ss * s2[i];
+            float d = st * t0[i], e = st * t1[i], g = st * t2[i];
+            float x = sm * m0[i], y = sm * m1[i], z = sm * m2[i];
+            beside[i] = (most3(x, y, z) <= 0) | (scale[i] == 0) |
+                        (least3(a - x, b - y, c - z) > 0) | (most3(a + x, b + y, c + z) < 0) |
+                        (least3(d - x, e - y, g - z) > 0) | (most3(d + x, e + y, g + z) < 0);
+        }
+        for (int i = 0; i < 16; i++) any |= !beside[i];
+        for (int i = 0; i < 16; i++) out[f].high_x[i] = -1;
+        if (!any) continue; // triangles near one another are on few faces
         for (int i = 0; i < 16; i++) {
             float a = ss * s0[i], b = ss * s1[i], c = ss * s2[i];
             float d = st * t0[i], e = st * t1[i], g = st * t2[i];
             float x = sm * m0[i], y = sm * m1[i], z = sm * m2[i];
             float low = least3(x, y, z), high = most3(x, y, z);
-            bool out_of_face =
-                (high <= 0) | (scale[i] == 0) | (least3(a - x, b - y, c - z) > 0) |
-                (most3(a + x, b + y, c + z) < 0) | (least3(d - x, e - y, g - z) > 0) |
-                (most3(d + x, e + y, g + z) < 0);
+            bool out_of_face = beside[i] != 0;
             // A triangle that reaches behind the face's eye may cover all of it.
             bool ahead = low > 1e-3f * high;
-            float ix = 1 / (ahead ? x : 1), iy = 1 / (ahead ? y : 1), iz = 1 / (ahead ? z : 1);
+            float ix = sm * i0[i], iy = sm * i1[i], iz = sm * i2[i];
             float s_low = least3(a * ix, b * iy, c * iz);
             float s_high = most3(a * ix, b * iy, c * iz);
             float t_low = least3(d * ix, e * iy, g * iz);
