@@ -11,5 +11,5 @@ if(TARGET page)
   add_test(NAME page_package COMMAND ${NODE_PROGRAM} ${CMAKE_CURRENT_LIST_DIR}/package.mjs ${web})
   set_tests_properties(page_types page_style page_units page_browser page_package PROPERTIES LABELS browser
     SKIP_RETURN_CODE 77)
-  set_tests_properties(page_browser PROPERTIES TIMEOUT 1500) # sixty scenarios, eight minutes
+  set_tests_properties(page_browser PROPERTIES TIMEOUT 1500) # sixty scenarios, ten minutes
 endif()
