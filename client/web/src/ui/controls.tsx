@@ -19,9 +19,9 @@ export function Section(props: {
   );
 }
 
-/** Escape closes what is there. */
+/** Escape closes what is there, from before it can have the focus. */
 export function useEscape(isThere: boolean, close: () => void): void {
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (!isThere) return undefined;
     const stop = new AbortController();
     const { signal } = stop;
