@@ -48,7 +48,8 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
     }
 }
 
-// What is the same for every pattern.
+// The middle direction of a packet and the horizon's bins of its texels. Jitters do not change
+// them.
 static void fill_middle(struct directions *d, uint32_t packet, unsigned face, uint32_t bx,
                         uint32_t by)
 {

@@ -25,15 +25,16 @@ static inline int visibility(const struct packet_bins *b, const struct horizon_v
     return (int)visible - (int)blocked;
 }
 
-// Rays of one receiver that wait to be cast as one packet. Each answers for texels of a packet
-// of directions, which count as open until it meets the surface.
+// Rays of one receiver that wait to be cast together. Each ray stands for some of the four
+// texels of a packet of directions. These texels count as open; where the ray meets the surface
+// they are set to 0.
 struct waiting {
     const struct prt_scene *scene;
     const struct directions *d;
     struct prt_packet packet;
     uint32_t n;         // lanes that are taken
     uint32_t of[16];    // packet of directions
-    uint8_t texels[16]; // set of its four
+    uint8_t texels[16]; // bit j: the ray stands for the packet's texel j
     uint16_t *open;     // [n_packet]
     float *out;
     uint64_t rays;
@@ -85,7 +86,8 @@ static void wait_for(struct waiting *w, size_t at, uint32_t i, uint32_t k, uint3
     if (w->n == 16) cast_waiting(w);
 }
 
-// The first lane of `mask` from `start` on, of a group of `wide`, a power of 2.
+// The first lane of `mask` in the group of `wide` lanes (a power of 2) from `first` on, counted
+// from its lane `start` and around. The group has a lane of mask.
 static uint32_t next_lane(uint32_t mask, uint32_t first, uint32_t start, uint32_t wide)
 {
     while (!(mask >> (first + (start & (wide - 1))) & 1)) start++;

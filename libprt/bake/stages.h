@@ -18,12 +18,14 @@
 enum { SUBS = 4 }; /* 2 x 2 sub-samples a texel, W05 §3 */
 enum { MAX_PACKETS = 6 * PRT_BAKE_CUBE_MAX * PRT_BAKE_CUBE_MAX / 4 };
 
-/* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
- * the whole sphere. The weights of a texel's sub-samples sum to 1. */
-struct packet_bins { /* of the 64-bit words of a horizon's sets; a mask of 0: one word */
+/* Bins of a horizon as two masks of the 64-bit words of its sets; mask[1] is 0 where one word
+ * has them all. */
+struct packet_bins {
     uint64_t mask[2];
     uint16_t word[2];
 };
+/* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
+ * the whole sphere. The weights of a texel's sub-samples sum to 1. */
 struct directions {
     unsigned cpu;             /* mask of enum prt_cpu for the loops over packets */
     uint32_t n, n_coef;       /* cube size, a power of 2 from 16; 6 n n texels */

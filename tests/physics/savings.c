@@ -94,7 +94,7 @@ static double horizon_rows(struct prt_mesh *mesh, uint32_t more, uint32_t every_
     printf("rays %.3f of all, rows differ by %.3f %%, %.0f %% of texels dark\n",
            (double)rays / (double)all, 100 * sqrt(error / sum), 100 * hidden / texels);
     expect_above("share of dark texels", hidden / texels, 0.52); // flutes hide each other
-    expect_below("relative RMSE of the rows", sqrt(error / sum), 0.0022);
+    expect_below("relative RMSE of the rows", sqrt(error / sum), 0.0002);
     prt_free(every);
     prt_free(seen);
     prt_directions_destroy(d);
