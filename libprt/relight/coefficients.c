@@ -2,6 +2,7 @@
 // Contracted rows as halves: the part of a relighting that a viewer with U can finish itself.
 #include "answer.h"
 #include "kernels.h"
+#include "pack_triples.h"
 
 #include <math.h>
 #include <string.h>
@@ -36,6 +37,7 @@ int prt_coefficients_add_layer(const struct prt_context *ctx,
 
 struct gather {
     const struct prt_kernels *kernels;
+    unsigned cpu;
     const struct prt_term_input *part;
     unsigned n_light, n_plane;
     uint32_t most_rank;
@@ -73,50 +75,6 @@ static int gather_clusters(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-static float power_of_two(int exponent)
-{
-    const uint32_t bits = (uint32_t)(exponent + 127) << 23;
-    float x;
-    memcpy(&x, &bits, 4);
-    return x;
-}
-
-// Two triples, of numbers below 2^15 in magnitude, as two u32 (prt/relight.h). Of their
-// largest number the mantissa is 256 to 511, unless it is below 1.
-static void pack_two(const float number[6], uint32_t out[2])
-{
-    float most = 0;
-    uint32_t bits;
-    for (int i = 0; i < 6; i++) {
-        const float x = fabsf(number[i]);
-        most = x > most ? x : most; // NaN is passed over
-    }
-    most = most < 0x1p14f ? most : 0x1p14f;
-    memcpy(&bits, &most, 4);
-    int exponent = (int)(bits >> 23) - 126; // most < 2^exponent
-    if (exponent < 0) exponent = 0;
-    if (most >= 511.5f * power_of_two(exponent - 9) && exponent < 15) exponent++; // not to 512
-    const float steps = power_of_two(9 - exponent);
-    for (int i = 0; i < 2; i++) {
-        out[i] = (uint32_t)(exponent >> 2 * i & 3) << 30;
-        for (int c = 0; c < 3; c++) {
-            const float m = number[3 * i + c] * steps;
-            const float least = m > -511 ? m : -511; // NaN becomes it
-            out[i] |= ((uint32_t)lrintf(least < 511 ? least : 511) & 1023) << 10 * c;
-        }
-    }
-}
-
-// n triples; the last of an odd number is joined by zeros.
-static void pack_rows(const float *rows, size_t n, uint32_t *out)
-{
-    float last[6] = {0};
-    for (size_t i = 0; i + 1 < n; i += 2) pack_two(rows + 3 * i, out + i);
-    if (n % 2 == 0) return;
-    memcpy(last, rows + 3 * (n - 1), 12);
-    pack_two(last, out + n - 1);
-}
-
 // Halves of one light each: the largest becomes 2^14 to 2^15, so that small ones keep their
 // digits.
 static int round_lights(void *arg, size_t begin, size_t end, unsigned worker)
@@ -124,18 +82,21 @@ static int round_lights(void *arg, size_t begin, size_t end, unsigned worker)
     const struct gather *g = arg;
     const size_t n = g->n_row * g->n_plane * 3;
     for (size_t l = begin; l < end; l++) {
-        float *rows = g->rows + l * n, most = 0;
+        float *rows = g->rows + l * n;
+        const float most = prt_largest_magnitude(g->cpu, rows, n);
         struct prt_coefficient_layer *layer = &g->out[l]->layer[g->layer];
         int exponent = 15;
-        for (size_t i = 0; i < n; i++) most = fabsf(rows[i]) > most ? fabsf(rows[i]) : most;
         if (most > 0 && isfinite(most)) frexpf(most, &exponent);
         if (exponent < -100) exponent = -100;
         layer->scale = ldexpf(1, exponent - 15);
         const float inverse = ldexpf(1, 15 - exponent);
-        for (size_t i = 0; i < n; i++) rows[i] *= inverse;
         uint16_t *half = g->out[l]->half + layer->begin;
-        if (g->out[l]->packed) pack_rows(rows, n / 3, (uint32_t *)(void *)half);
-        else prt_f32_to_f16_array(rows, n, half);
+        if (g->out[l]->packed) {
+            prt_pack_triples(g->cpu, rows, inverse, n / 3, (uint32_t *)(void *)half);
+            continue;
+        }
+        for (size_t i = 0; i < n; i++) rows[i] *= inverse;
+        prt_f32_to_f16_array(rows, n, half);
     }
     return PRT_OK;
 }
@@ -159,6 +120,7 @@ int prt_coefficients_fill(const struct prt_context *ctx, const struct prt_term_i
 {
     const struct prt_tensor *t = part->tensor;
     struct gather g = {.kernels = prt_kernels_for(ctx->cpu),
+                       .cpu = ctx->cpu,
                        .part = part,
                        .n_light = n_light,
                        .n_plane = out[0]->layer[layer].n_plane,

@@ -21,20 +21,24 @@ PRT_INLINE const int16_t *add_units(const struct column_part *part, uint32_t beg
                                     size_t stride, float *sum)
 {
     __m256 lo[LIGHT_GROUP], hi[LIGHT_GROUP];
+    size_t at[LIGHT_GROUP];
     for (unsigned l = 0; l < n_light; l++) {
         const float *x = part->x[l];
         lo[l] = _mm256_setr_ps(x[0], x[1], x[2], x[0], x[1], x[2], x[0], x[1]);
         hi[l] = _mm256_setr_ps(x[2], x[0], x[1], x[2], x[0], x[1], x[2], 0);
     }
+    // copies: a store through `to` might change what `part` points to
+    const uint16_t *const units = part->unit;
+    for (unsigned l = 0; l < n_light; l++) at[l] = part->at[l];
     for (uint32_t k = begin; k < end; k++) {
-        const uint32_t unit = part->unit[k];
+        const uint32_t unit = units[k];
         const struct spread *s = &spreads[unit & 31];
         const __m256 a = spread_half(entry, s->shuffle);
         const __m256 b = spread_half(entry + s->half, s->shuffle + 16);
         float *chunk = sum + (unit >> 5) * stride;
         entry += s->n;
         for (unsigned l = 0; l < n_light; l++) {
-            float *to = chunk + part->at[l];
+            float *to = chunk + at[l];
             _mm256_storeu_ps(to, _mm256_fmadd_ps(a, lo[l], _mm256_loadu_ps(to)));
             _mm256_storeu_ps(to + 8, _mm256_fmadd_ps(b, hi[l], _mm256_loadu_ps(to + 8)));
         }

@@ -21,17 +21,21 @@ PRT_INLINE const int16_t *add_units(const struct column_part *part, uint32_t beg
 {
     const __m512i rgb = _mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 3);
     __m512 x[LIGHT_GROUP];
+    size_t at[LIGHT_GROUP];
     for (unsigned l = 0; l < n_light; l++)
         x[l] = _mm512_permutexvar_ps(rgb, _mm512_maskz_loadu_ps(7, part->x[l]));
+    // copies: a store through `to` might change what `part` points to
+    const uint16_t *const units = part->unit;
+    for (unsigned l = 0; l < n_light; l++) at[l] = part->at[l];
     for (uint32_t k = begin; k < end; k++) {
-        const uint32_t unit = part->unit[k], mask = lanes[unit & 31];
+        const uint32_t unit = units[k], mask = lanes[unit & 31];
         const __m512i packed =
             _mm512_cvtepi16_epi32(_mm256_loadu_si256((const __m256i *)entry));
         const __m512 v = _mm512_cvtepi32_ps(_mm512_maskz_expand_epi32((__mmask16)mask, packed));
         float *chunk = sum + (unit >> 5) * stride;
         entry += __builtin_popcount(mask);
         for (unsigned l = 0; l < n_light; l++) {
-            float *to = chunk + part->at[l];
+            float *to = chunk + at[l];
             _mm512_storeu_ps(to, _mm512_fmadd_ps(v, x[l], _mm512_loadu_ps(to)));
         }
     }

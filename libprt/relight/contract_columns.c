@@ -11,7 +11,7 @@
 // A unit is left out where its weight times the light's coefficient is below
 // COLUMN_ERROR * |colours| / sqrt(units): were all left out, of which none knows of another,
 // the colours' relative RMS error would be COLUMN_ERROR. It is a tenth to a third of that.
-#define COLUMN_ERROR 0.004f
+#define COLUMN_ERROR 0.005f
 
 enum { BATCH = 32 }; // columns that are handed to a kernel at once
 
@@ -209,6 +209,8 @@ static double put_rows(const struct piece *p, unsigned l, const float *sum)
     float *out = p->run->out + p->light[l] * p->run->light_pitch;
     lanes16 square = {0};
     double length = 0;
+    size_t row = (size_t)p->g->chunk_begin * PRT_COLUMN_ROWS, plane = row % c->n_plane;
+    float *to = out + row / c->n_plane * p->run->row_pitch;
     for (uint32_t k = 0; k < p->g->n_chunk; k++) {
         const size_t chunk = p->g->chunk_begin + k;
         const lanes16 x = *(const lanes16 *)(sum + 16ull * (k * p->n_light + l)) *
@@ -217,11 +219,9 @@ static double put_rows(const struct piece *p, unsigned l, const float *sum)
         float lane[16];
         square += y * y;
         memcpy(lane, &x, sizeof lane);
-        for (uint32_t r = 0; r < PRT_COLUMN_ROWS; r++) {
-            const size_t row = chunk * PRT_COLUMN_ROWS + r;
-            if (row < c->n_row)
-                memcpy(out + row / c->n_plane * p->run->row_pitch + 3 * (row % c->n_plane),
-                       lane + 3ull * r, 12);
+        for (uint32_t r = 0; r < PRT_COLUMN_ROWS && row < c->n_row; r++, row++) {
+            memcpy(to + 3 * plane, lane + 3ull * r, 12);
+            if (++plane == c->n_plane) plane = 0, to += p->run->row_pitch;
         }
     }
     for (int i = 0; i < 3 * PRT_COLUMN_ROWS; i++) length += (double)square[i];
