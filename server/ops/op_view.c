@@ -478,7 +478,9 @@ void op_view_open(struct request *request)
     }
     v->request = request;
     v->model = model;
-    bool by_name = versions_is_name(request->server->versions, in->model);
+    const struct versions *versions = request->server->versions;
+    const bool by_name = versions_is_name(versions, in->model) &&
+                         !strcmp(versions_find(versions, in->model), model->id);
     if (by_name) v->name = strdup(in->model);
     request->server->stats.views_open++;
     model_hold(model);

@@ -335,6 +335,29 @@ static void test_version_of_an_upload(void **state)
     relight_close(client);
 }
 
+// A principal's own model hides the folder's of the same name: a view of the name shows it from
+// the first frame on, and goes over to no version.
+static void test_own_model_of_a_versions_name(void **state)
+{
+    char own[ID_SIZE], first[ID_SIZE];
+    struct relight_error error;
+    struct relight_load load = small_bake(3, 300);
+    uint64_t hash[3];
+    struct relight_view *view[3];
+    put_bake("ball/1/a.prt", 0);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    assert_true(state_of(client, "ball/1", first) >= 0);
+    load.name = "ball";
+    bake_octahedron(client, &d, "o.obj", &load, own);
+    wait_same(client, "ball", own);
+    const char *const opened[3] = {"ball", own, first};
+    for (int i = 0; i < 3; i++) view[i] = open_view(client, opened[i], &hash[i]);
+    assert_true(hash[0] == hash[1] && hash[0] != hash[2]);
+    for (int i = 0; i < 3; i++) OK(relight_view_close(view[i], NULL, NULL, &error));
+    relight_close(client);
+}
+
 // Two versions of one source are one model, which stays while one of them is there.
 static void test_equal_versions(void **state)
 {
@@ -772,6 +795,7 @@ int main(void)
         TEST(test_replaced_version),
         TEST(test_a_pose_stays_behind),
         TEST(test_version_of_an_upload),
+        TEST(test_own_model_of_a_versions_name),
         TEST(test_equal_versions),
         TEST(test_faulty_versions),
         TEST(test_source_like_an_upload),
