@@ -11,6 +11,8 @@ export interface GestureTarget {
   reset: () => void;
   /** The end of a movement: a step of undo. */
   commit: () => void;
+  /** Whether the last movement waits to be drawn: those that follow are added up. */
+  busy?: () => boolean;
 }
 
 const ORBIT_DEG = 0.35; // a pixel
@@ -41,6 +43,29 @@ export function attachGestures(element: HTMLElement, to: GestureTarget): () => v
     to.setOrbit({ ...orbit, zoom: orbit.zoom * factor });
   };
 
+  // Movements are added up until the one before is being drawn, and the display's next frame.
+  let waiting: { act: (dx: number, dy: number) => void; dx: number; dy: number } | null = null;
+  let frame = 0;
+  const flush = () => {
+    const last = waiting;
+    waiting = null;
+    last?.act(last.dx, last.dy);
+  };
+  const step = () => {
+    frame = waiting && to.busy?.() ? requestAnimationFrame(step) : 0;
+    if (!frame) flush();
+  };
+  const move = (act: (dx: number, dy: number) => void, dx: number, dy: number) => {
+    if (waiting && waiting.act !== act) flush();
+    waiting = { act, dx: (waiting?.dx ?? 0) + dx, dy: (waiting?.dy ?? 0) + dy };
+    frame ||= requestAnimationFrame(step);
+  };
+  const commit = () => {
+    flush();
+    to.commit();
+  };
+  const lightBy = (dx: number, dy: number) => to.turnLight(dx * LIGHT_DEG, dy * LIGHT_DEG);
+
   element.addEventListener(
     "pointerdown",
     (event) => {
@@ -62,14 +87,14 @@ export function attachGestures(element: HTMLElement, to: GestureTarget): () => v
       zoomBy(
         distance(event.clientX, event.clientY) / Math.max(1, distance(before.x, before.y)),
       );
-      to.turnLight((dx * LIGHT_DEG) / 2, (dy * LIGHT_DEG) / 2);
-    } else if (event.shiftKey) to.turnLight(dx * LIGHT_DEG, dy * LIGHT_DEG);
-    else if (event.buttons & 6 || event.ctrlKey) panBy(dx, dy);
-    else orbitBy(dx, dy);
+      move(lightBy, dx / 2, dy / 2);
+    } else if (event.shiftKey) move(lightBy, dx, dy);
+    else if (event.buttons & 6 || event.ctrlKey) move(panBy, dx, dy);
+    else move(orbitBy, dx, dy);
   };
   element.addEventListener("pointermove", moved, { signal });
   const ended = (event: PointerEvent) => {
-    if (pointers.delete(event.pointerId) && !pointers.size) to.commit();
+    if (pointers.delete(event.pointerId) && !pointers.size) commit();
   };
   element.addEventListener("pointerup", ended, { signal });
   element.addEventListener("pointercancel", ended, { signal });
@@ -111,5 +136,8 @@ export function attachGestures(element: HTMLElement, to: GestureTarget): () => v
     },
     { signal },
   );
-  return () => stop.abort();
+  return () => {
+    cancelAnimationFrame(frame);
+    stop.abort();
+  };
 }

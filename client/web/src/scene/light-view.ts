@@ -32,6 +32,10 @@ export interface ViewChange {
 export interface ViewEvents {
   frame: (frame: ViewFrame, payload: Uint8Array, latencyMs: number) => void;
   error: (error: Error) => void;
+  /** Whether a frame that came waits to be drawn: until goOn() no other is asked for. */
+  busy?: () => boolean;
+  /** The least level of frames of a hand that moves: where the GPU is slow they are coarse on any link. */
+  leastLevel?: () => number;
 }
 
 const GIVE_UP_MS = 1500; // a state whose frame does not come does not block the next for longer
@@ -40,6 +44,7 @@ const REST_MS = 250; // a hand that has not moved for so long rests
 interface Sent {
   sequence: bigint;
   atMs: number;
+  /** Of the pace, when it was sent. */
   level: number;
   /** The hand moved: not a single change, nor the exact frame at rest. */
   moving: boolean;
@@ -55,6 +60,7 @@ export class LightView {
   private pace = new Pace(1);
   private level = 0; // of the newest state that was sent
   private setAtMs = -Infinity;
+  private receivedAtMs = -Infinity; // when a frame came last
   private movedAtMs = -Infinity; // when a state was sent last
   private follows = false; // the newest state came while the hand moved, or before the last one's frame
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -132,17 +138,25 @@ export class LightView {
     return !this.waits && !this.next && !this.level && this.exact;
   }
 
+  /** The frame that came last is being drawn. */
+  goOn(): void {
+    this.send();
+  }
+
   private send(): void {
     if (this.making || this.outstanding.length >= this.pace.outstanding) return;
     const make = this.next;
     if (!make || this.closed) return;
     const now = performance.now();
+    // Where nothing is drawn (a tab behind others) states go out all the same, but seldom.
+    if (this.events.busy?.() && now - this.receivedAtMs < GIVE_UP_MS) return this.watch();
     const moving =
       this.follows || this.outstanding.length > 0 || now - this.movedAtMs < REST_MS;
     if (!moving) this.pace.began();
     this.movedAtMs = now;
     this.next = null;
-    this.put(make, moving ? this.pace.level : 0, moving);
+    const least = Math.min(this.events.leastLevel?.() ?? 0, this.pace.levels - 1);
+    this.put(make, moving ? Math.max(this.pace.level, least) : 0, moving);
   }
 
   private put(
@@ -152,13 +166,15 @@ export class LightView {
   ): void {
     this.making = true;
     this.level = level;
+    const paced = this.pace.level;
     make(level)
       .then((change) => {
         this.making = false;
         if (this.closed) return;
         this.sequence++;
         const { sequence } = this;
-        this.outstanding.push({ sequence, atMs: performance.now(), level, moving });
+        const atMs = performance.now();
+        this.outstanding.push({ sequence, atMs, level: paced, moving });
         this.watch();
         this.client
           .request(
@@ -194,6 +210,7 @@ export class LightView {
     if (this.closed || (!frame.colors && !frame.image && !frame.error && !frame.equal)) return;
     this.client.notify(Type.ViewAck, ViewAckSchema, { view: this.id, shown: frame.frame });
     const now = performance.now();
+    this.receivedAtMs = now;
     const own = this.outstanding.find(({ sequence }) => sequence === frame.sequence);
     const delayMs = now - (own?.atMs ?? this.outstanding[0]?.atMs ?? now);
     if (own?.moving) this.pace.answered(delayMs, own.level);
@@ -202,7 +219,7 @@ export class LightView {
     else this.events.frame(frame, payload, delayMs);
     this.outstanding = this.outstanding.filter(({ sequence }) => sequence > frame.sequence);
     if (!this.outstanding.length) clearTimeout(this.timer);
-    this.send();
+    this.send(); // which sets the timer anew where a frame waits to be drawn
     this.rest();
   }
 

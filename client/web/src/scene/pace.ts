@@ -30,7 +30,7 @@ export class Pace {
   private early = 0;
   private patience = FIRST_PATIENCE;
   private tried = false; // the level was refined and has not held yet
-  private readonly levels: number;
+  readonly levels: number;
 
   /** levels: those that make answers smaller; 1 for colours. */
   constructor(levels: number = LEVELS.length) {

@@ -89,31 +89,46 @@ void readColors() {
 
 export const VERTEX_WIDTH = 256;
 
-// The sky that the model hides from a vertex, as spherical harmonics up to l = 3.
-const blockedInput = /* glsl */ `
-#ifdef BLOCKED
-in vec4 blocked0, blocked1, blocked2, blocked3;
-out vec4 hidden0, hidden1, hidden2, hidden3;
-void readBlocked() {
-  hidden0 = blocked0; hidden1 = blocked1; hidden2 = blocked2; hidden3 = blocked3;
-}
-#else
-void readBlocked() {}
-#endif`;
-
-// The share of a reflection from direction d that the model does not hide (PROTOCOL, GEOMETRY).
-const unblocked = /* glsl */ `
-#ifdef BLOCKED
-in vec4 hidden0, hidden1, hidden2, hidden3;
-float unblocked(vec3 d) {
+// The sky that the model hides from a vertex, as spherical harmonics up to l = 3: the share of a
+// reflection from direction d that is not hidden (PROTOCOL, GEOMETRY). Of meshes of many vertices it
+// is found at the vertices (BLOCKED 2), whose reflections differ little from those of the pixels.
+const openShare = /* glsl */ `
+float openShare(vec3 d, vec4 hidden0, vec4 hidden1, vec4 hidden2, vec4 hidden3) {
   float y[16];
   harmonics(d, y);
   float sum = dot(hidden0, vec4(y[0], y[1], y[2], y[3])) + dot(hidden1, vec4(y[4], y[5], y[6], y[7])) +
     dot(hidden2, vec4(y[8], y[9], y[10], y[11])) + dot(hidden3, vec4(y[12], y[13], y[14], y[15]));
   return clamp(3.0 * (1.0 - sum * (4.0 / 127.0)) - 0.7, 0.0, 1.0);
+}`;
+const blockedInput = /* glsl */ `
+#ifdef BLOCKED
+in vec4 blocked0, blocked1, blocked2, blocked3;
+#if BLOCKED == 2
+out float open;
+${openShare}
+void readBlocked() {
+  vec3 w = normalize(eye - position);
+  open = openShare(2.0 * dot(w, normal) * normal - w, blocked0, blocked1, blocked2, blocked3);
 }
 #else
+out vec4 hidden0, hidden1, hidden2, hidden3;
+void readBlocked() {
+  hidden0 = blocked0; hidden1 = blocked1; hidden2 = blocked2; hidden3 = blocked3;
+}
+#endif
+#else
+void readBlocked() {}
+#endif`;
+const unblocked = /* glsl */ `
+#ifndef BLOCKED
 float unblocked(vec3 d) { return 1.0; }
+#elif BLOCKED == 2
+in float open;
+float unblocked(vec3 d) { return open; }
+#else
+in vec4 hidden0, hidden1, hidden2, hidden3;
+${openShare}
+float unblocked(vec3 d) { return openShare(d, hidden0, hidden1, hidden2, hidden3); }
 #endif`;
 
 /** The vertex shader of a surface whose maps take these sets of texture coordinates. */
@@ -252,6 +267,8 @@ uniform float viewSlope;      // of single scattering towards an eye (PROTOCOL, 
 uniform float reflection;     // 1: reflections are added
 uniform float opaque;
 uniform sampler2DArray lobes; // [6 levels][6 faces]
+uniform mat3 lobeTurn;        // world to the lobes' light
+uniform vec3 lobeGain;
 in vec3 at, n, multiple, single;
 #if N_PIXEL > 0
 in vec3 phase[N_PIXEL];
@@ -267,7 +284,9 @@ vec3 reflected(vec3 d, float rough) {
   float lo = k == 0.0 ? 0.0 : k == 1.0 ? 0.15 : k == 2.0 ? 0.3 : k == 3.0 ? 0.45 : 0.65;
   float wide = k <= 2.0 ? 0.15 : k == 3.0 ? 0.2 : 0.35;
   float share = clamp((rough - lo) / wide, 0.0, 1.0);
-  return mix(fromCube(lobes, d, 32.0, 6.0 * k), fromCube(lobes, d, 32.0, 6.0 * k + 6.0), share);
+  vec3 to = lobeTurn * d;
+  return lobeGain *
+    mix(fromCube(lobes, to, 32.0, 6.0 * k), fromCube(lobes, to, 32.0, 6.0 * k + 6.0), share);
 }
 // A normal that turns away from the eye is bent towards it; c: its cosine to w.
 vec3 facingEye(vec3 m, vec3 w, float least, out float c) {

@@ -8,6 +8,7 @@ import {
   Camera,
   DataArrayTexture,
   DoubleSide,
+  FrontSide,
   FloatType,
   GLSL3,
   HalfFloatType,
@@ -39,10 +40,14 @@ import {
   type Cube,
   type Lamp,
 } from "./environment";
+import { isClosed } from "./closed";
 import { cornersOf, rowsAt, type Mesh, type Part } from "./geometry";
 import { lookOf, MapTextures, type Images } from "./surface-maps";
 import { ErrorMap, type ErrorPlaces } from "./error-map";
+import { FrameQuality, REST_MS, type Quality } from "./frame-quality";
+import { Screen } from "./screen";
 import { Thickness } from "./thickness";
+import { orderedTriangles } from "./vertex-order";
 import { VertexColors, type VertexTexture } from "./vertex-colors";
 import {
   backgroundFragment,
@@ -70,6 +75,10 @@ export interface Look {
 }
 /** Varyings of the surface, without those of the phases and of texture coordinates. */
 const VARYINGS = 9;
+/** More than these: what a reflection sees is found for the vertices. */
+const MANY_VERTICES = 5000;
+const MOST_ORDERED = 20e6;
+const ONES: Vec3 = [1, 1, 1];
 /** Tone curve of the shader: none, linear radiance is kept. */
 const LINEAR = 3;
 
@@ -93,6 +102,16 @@ function fillHalf(texture: DataArrayTexture, values: Float32Array): void {
   texture.needsUpdate = true;
 }
 
+// From the world into a lamp's environment: the columns are the images of the axes.
+function turnOf(lamp: Pick<Lamp, "rotateDeg" | "tiltDeg">): number[] {
+  const axes: Vec3[] = [
+    [1, 0, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+  ];
+  return axes.flatMap((d) => intoEnvironment(d, lamp.rotateDeg, lamp.tiltDeg));
+}
+
 /** RGBA pictures of `width` pixels a row: the mean of each fine x fine block. */
 export function meanOfBlocks(points: Float32Array, width: number, fine: number): Float32Array {
   const out = new Float32Array(points.length / (fine * fine));
@@ -102,6 +121,17 @@ export function meanOfBlocks(points: Float32Array, width: number, fine: number):
     const to = 4 * ((Math.floor(y / fine) * width) / fine + Math.floor(x / fine)) + (i % 4);
     out[to] = (out[to] ?? 0) + (points[i] ?? 0) / (fine * fine);
   }
+  return out;
+}
+
+// The triangles of each part in the order in which they are drawn. Of many parts of many vertices
+// it stays that of the file: the search takes memory of all vertices for each part.
+function drawnOrder(mesh: Mesh, triangles: Uint32Array): Uint32Array {
+  if (mesh.parts.length * mesh.nVertex > MOST_ORDERED) return triangles;
+  const out = triangles.slice();
+  const nVertex = triangles.reduce((most, v) => Math.max(most, v + 1), 0);
+  for (const { firstIndex, nIndex } of mesh.parts)
+    out.set(orderedTriangles(triangles, firstIndex / 3, nIndex / 3, nVertex), firstIndex);
   return out;
 }
 
@@ -124,7 +154,7 @@ function attributesOf(mesh: Mesh): BufferGeometry {
     for (let i = 0; i < 4; i++)
       all.setAttribute(`blocked${i}`, new InterleavedBufferAttribute(sky, 4, 4 * i));
   }
-  all.setIndex(new BufferAttribute(corners?.triangles ?? mesh.triangles, 1));
+  all.setIndex(new BufferAttribute(drawnOrder(mesh, corners?.triangles ?? mesh.triangles), 1));
   return all;
 }
 
@@ -135,6 +165,8 @@ export class Stage {
   finished = 0;
   /** Called after each frame that was drawn. */
   onDrawn: (() => void) | null = null;
+  /** Called when the GPU begins a frame. */
+  onBegun: (() => void) | null = null;
   private readonly camera = new PerspectiveCamera();
   private readonly scene = new Scene();
   private readonly backdrop = new Scene();
@@ -144,6 +176,7 @@ export class Stage {
   private geometry: BufferGeometry | null = null;
   private parts: ThreeMesh<BufferGeometry, RawShaderMaterial>[] = [];
   private mesh: Mesh | null = null;
+  private closed = false; // the mesh has no face that is seen from behind
   private textures: MapTextures | null = null;
   private media: readonly Medium[] = [];
   private readonly colors = new VertexColors();
@@ -151,6 +184,7 @@ export class Stage {
   private exits = 0; // layers of planes of exit, behind them
   private hasColors = false;
   private skyCube: Cube | null = null;
+  private lobeCube: Cube | null = null; // whose light alone, without its turn, the lobes are of
   private wantsPlain = true;
   private readonly thickness = new Thickness();
   private readonly errorMap = new ErrorMap();
@@ -160,6 +194,10 @@ export class Stage {
   private dirty = false;
   private scheduled = false;
   private fence: WebGLSync | null = null;
+  private readonly quality = new FrameQuality();
+  private readonly screen = new Screen();
+  private last: { quality: Quality; atMs: number } = { quality: 0, atMs: 0 }; // the last frame
+  private changedMs = 0;
   private before: (() => void) | null = null;
 
   /** Throws where the browser has no WebGL 2. */
@@ -167,7 +205,7 @@ export class Stage {
     this.canvas = canvas;
     this.renderer = new WebGLRenderer({
       canvas,
-      antialias: true,
+      antialias: false, // frames in full are drawn into a target of four samples
       powerPreference: "high-performance",
     });
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
@@ -181,6 +219,8 @@ export class Stage {
       split: { value: 0 },
       plainLook: { value: false },
       lobes: { value: this.lobes },
+      lobeTurn: { value: new Matrix3() },
+      lobeGain: { value: new Vector3(1, 1, 1) },
       vertexColors: { value: null },
     };
     this.sky = new RawShaderMaterial({
@@ -219,6 +259,7 @@ export class Stage {
     this.removeParts();
     this.geometry = mesh ? attributesOf(mesh) : null;
     this.mesh = mesh;
+    this.closed = mesh !== null && isClosed(mesh.positions, mesh.triangles);
     this.hasColors = false;
     this.media = [];
     this.places = null;
@@ -275,14 +316,14 @@ export class Stage {
       N_UV: look.uvSets.length,
       VERTEX_WIDTH,
       ...(mesh.cornerUv ? { SEAMS: 1 } : {}),
-      ...(mesh.blocked ? { BLOCKED: 1 } : {}),
+      ...(mesh.blocked ? { BLOCKED: mesh.nVertex > MANY_VERTICES ? 2 : 1 } : {}),
     };
     return new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: surfaceVertex(look.uvSets),
       fragmentShader: surfaceFragment,
       defines: { ...defines, ...this.layerDefines(look.uvSets.length) },
-      side: DoubleSide,
+      side: this.closed ? FrontSide : DoubleSide,
       uniforms: {
         ...this.shared,
         ...look.uniforms,
@@ -386,13 +427,20 @@ export class Stage {
     this.redraw();
   }
 
-  /** The lamps: reflections see their sum, the background shows the first. */
+  /** The lamps: reflections see their sum, the background shows the first. The light of one lamp is
+   * filtered once, and turned in the shader. */
   setLamps(lamps: readonly Lamp[]): void {
-    const first = lamps[0];
-    const light = first
-      ? summed(lamps, LEVEL_SIDE)
-      : { n: LEVEL_SIDE, texel: new Float32Array(18 * LEVEL_SIDE ** 2) };
-    fillHalf(this.lobes, filterStack(light));
+    const [first, second] = lamps;
+    const alone = first && !second ? first : null;
+    if (!alone || alone.cube !== this.lobeCube) {
+      const still = alone && { ...alone, rotateDeg: 0, tiltDeg: 0, gain: ONES };
+      fillHalf(this.lobes, filterStack(summed(still ? [still] : lamps, LEVEL_SIDE)));
+      this.lobeCube = alone?.cube ?? null;
+    }
+    (this.shared.lobeTurn?.value as Matrix3).fromArray(
+      turnOf(alone ?? { rotateDeg: 0, tiltDeg: 0 }),
+    );
+    (this.shared.lobeGain?.value as Vector3).set(...(alone?.gain ?? ONES));
     if (first) this.setSky(first);
     this.redraw();
   }
@@ -408,15 +456,7 @@ export class Stage {
       this.skyCube = lamp.cube;
       if (u.isPlain) u.isPlain.value = this.wantsPlain;
     }
-    const axes = (
-      [
-        [1, 0, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-      ] as Vec3[]
-    ).map((d) => intoEnvironment(d, lamp.rotateDeg, lamp.tiltDeg));
-    // Columns of the matrix are the images of the axes.
-    if (u.turn) (u.turn.value as Matrix3).fromArray(axes.flat());
+    if (u.turn) (u.turn.value as Matrix3).fromArray(turnOf(lamp));
     if (u.gain) (u.gain.value as Vector3).set(...lamp.gain);
   }
 
@@ -467,6 +507,7 @@ export class Stage {
 
   redraw(): void {
     this.dirty = true;
+    this.changedMs = performance.now();
     if (this.scheduled) return;
     this.scheduled = true;
     requestAnimationFrame(() => this.tick());
@@ -480,28 +521,51 @@ export class Stage {
     if (status === gl.TIMEOUT_EXPIRED) return false;
     gl.deleteSync(this.fence);
     this.fence = null;
+    const nowMs = performance.now();
+    this.quality.drawn(this.last.quality, nowMs - this.last.atMs, nowMs);
     this.finished++;
     this.onDrawn?.();
     return true;
   }
 
+  /** Whether a change waits until the GPU has finished the frame before. */
+  get waits(): boolean {
+    return this.dirty;
+  }
+  /** Of LEVELS (pace.ts), the least that frames of a moving hand are to have. */
+  get leastLevel(): number {
+    return this.quality.leastLevel;
+  }
+  /** Whether the picture is there in full: nothing changed, and the GPU has finished it. */
+  get rests(): boolean {
+    return this.idle && !this.dirty && this.last.quality === 0;
+  }
+
+  // What moves is drawn as finely as the GPU follows, and what has come to rest in full.
   private tick(): void {
     this.scheduled = false;
-    if (this.idle && this.dirty) {
-      this.draw();
-      const gl = this.renderer.getContext() as WebGL2RenderingContext;
-      this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-      gl.flush();
+    if (this.idle) {
+      const nowMs = performance.now();
+      const rested = nowMs - this.changedMs > REST_MS;
+      if (this.dirty) this.draw(this.quality.moving, nowMs);
+      else if (rested && this.last.quality > 0) this.draw(0, nowMs);
     }
-    if (!this.dirty && !this.fence) return;
+    if (!this.dirty && !this.fence && this.last.quality === 0) return;
     this.scheduled = true;
     requestAnimationFrame(() => this.tick());
   }
 
-  private draw(): void {
+  private draw(quality: Quality, nowMs: number): void {
+    const gl = this.renderer.getContext() as WebGL2RenderingContext;
     this.dirty = false;
+    this.last = { quality, atMs: nowMs };
     this.runBefore();
-    this.drawInto(null);
+    const target = this.screen.target(quality, this.canvas);
+    this.drawInto(target);
+    if (target) this.screen.show(this.renderer, target);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    this.onBegun?.();
   }
 
   private drawInto(target: WebGLRenderTarget | null, model = true): void {
@@ -574,6 +638,7 @@ export class Stage {
     this.sky.dispose();
     this.lobes.dispose();
     this.colors.dispose();
+    this.screen.dispose();
     this.renderer.dispose();
   }
 }

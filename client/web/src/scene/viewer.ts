@@ -510,7 +510,10 @@ export class Viewer {
         this.received(frame, bytes, latency, colors, now);
       },
       error: (error) => this.failed(error),
+      busy: () => colors && (this.stage?.waits ?? false),
+      leastLevel: () => (colors ? (this.stage?.leastLevel ?? 0) : 0),
     });
+    if (this.stage) this.stage.onBegun = () => this.view?.goOn();
     this.view.useLevels(!colors || isCoefficients(wanted.options.colorFormat));
     this.update(state);
   }
@@ -714,11 +717,16 @@ export class Viewer {
     };
   }
 
+  /** Whether a change waits until the GPU has finished the frame before. */
+  get busy(): boolean {
+    return this.stage?.waits ?? false;
+  }
+
   /** Whether the newest state is drawn: no frame is awaited, and the GPU is idle. */
   get settled(): boolean {
     const { view, stage } = this;
     return (
-      view !== null && view.idle && !this.maps && this.lit !== "" && (!stage || stage.idle)
+      view !== null && view.idle && !this.maps && this.lit !== "" && (!stage || stage.rests)
     );
   }
 

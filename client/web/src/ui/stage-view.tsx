@@ -77,6 +77,7 @@ export function StageView() {
       turnLight,
       reset: resetOrbit,
       commit,
+      busy: () => viewer?.busy ?? false,
     });
     return () => {
       detach();
