@@ -10,7 +10,7 @@ import {
   FactorsAnswerSchema,
   Term,
 } from "../src/gen/relight_pb";
-import { Factors } from "../src/scene/factors";
+import { Factors, placesOf } from "../src/scene/factors";
 
 // A renderer that notes the scale, the first coefficient and the layer of each sum.
 function notingRenderer() {
@@ -29,6 +29,17 @@ function notingRenderer() {
   };
   return { drawn, renderer: renderer as unknown as WebGLRenderer };
 }
+
+// PROTOCOL.md, COLORS: of coefficients with most_rank 2 a cluster has min(rank, 2) rows.
+test("coarse coefficients have their own rows", () => {
+  const clusters = Uint32Array.from([2, 5, 1, 1, 1, 3]); // vertices and rank of each
+  const order = Uint32Array.from([3, 0, 2, 1]);
+  const of = (mostRank: number) => Array.from(placesOf(clusters, order, 4, mostRank).places);
+  // Of vertices 0 to 3: first texel, stride, rank, first row.
+  expect(of(0)).toEqual([1, 16, 5, 0, 64, 16, 3, 6, 48, 16, 1, 5, 0, 16, 5, 0]);
+  expect(of(2)).toEqual([1, 16, 2, 0, 64, 16, 2, 3, 48, 16, 1, 2, 0, 16, 2, 0]);
+  expect(placesOf(clusters, order, 4, 2).texels).toBe(96);
+});
 
 // PROTOCOL.md, COLORS: one layer has a scale for each plane, and each plane its own halves.
 test("each light's coefficients are multiplied by its own scale", () => {

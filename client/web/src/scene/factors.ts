@@ -43,8 +43,13 @@ interface Tensor {
   /** Planes of exit, which follow the phases of single scattering. */
   exit: boolean;
   factors: DataTexture;
-  places: DataTexture;
+  /** By the most rows of a cluster. */
+  places: Map<number, DataTexture>;
+  clusters: Uint32Array;
+  order: Uint32Array;
 }
+const placesTexture = (places: Uint32Array): DataTexture =>
+  texture(places, VERTEX_WIDTH, RGBAIntegerFormat, UnsignedIntType, "RGBA32UI", 4);
 
 function texture(
   data: Int16Array | Uint32Array | Uint16Array,
@@ -74,11 +79,12 @@ function texture(
 }
 
 /** Where each vertex finds its factors: first texel, texels between two pairs of columns, rank,
- * first row. [n_vertex][4] */
+ * first row. [n_vertex][4] mostRank: of coefficients with so many rows of a cluster; 0: with all. */
 export function placesOf(
   clusters: Uint32Array,
   order: Uint32Array,
   nVertex: number,
+  mostRank = 0,
 ): { places: Uint32Array; texels: number } {
   const places = new Uint32Array(4 * nVertex);
   let position = 0;
@@ -87,14 +93,15 @@ export function placesOf(
   for (let c = 0; c < clusters.length / 2; c++) {
     const n = clusters[2 * c] ?? 0;
     const rank = clusters[2 * c + 1] ?? 0;
+    const rows = mostRank ? Math.min(rank, mostRank) : rank;
     const stride = 16 * Math.ceil(n / 16);
     for (let p = 0; p < n; p++) {
       const vertex = order[position + p] ?? 0;
-      if (vertex < nVertex) places.set([texel + p, stride, rank, row], 4 * vertex);
+      if (vertex < nVertex) places.set([texel + p, stride, rows, row], 4 * vertex);
     }
     position += n;
     texel += Math.ceil(rank / 2) * stride;
-    row += rank;
+    row += rows;
   }
   return { places, texels: texel };
 }
@@ -140,14 +147,9 @@ export class Factors {
         term: tensor.term,
         exit: tensor.exit,
         factors: texture(u, FACTOR_WIDTH, RGIntegerFormat, ShortType, "RG16I", 2),
-        places: texture(
-          places,
-          VERTEX_WIDTH,
-          RGBAIntegerFormat,
-          UnsignedIntType,
-          "RGBA32UI",
-          4,
-        ),
+        places: new Map([[0, placesTexture(places)]]),
+        clusters: clusters.slice(), // the payload is free to go
+        order: order.slice(),
       };
     });
     this.material = new RawShaderMaterial({
@@ -225,17 +227,31 @@ export class Factors {
         for (let phase = 0; phase < layer.nPhase; phase++) {
           this.fillRows(rows, layer.nRow, layer.nPhase, phase);
           const scale = (layer.scales[plane] ?? 1) * U_SCALE;
-          this.addLayer(renderer, tensor, first + phase, scale);
+          this.addLayer(renderer, tensor, light.mostRank, first + phase, scale);
         }
       }
     renderer.setRenderTarget(null);
     renderer.setClearColor(0, 1);
   }
 
-  private addLayer(renderer: WebGLRenderer, tensor: Tensor, to: number, scale: number): void {
+  private placesFor({ places, clusters, order }: Tensor, mostRank: number): DataTexture {
+    const old = places.get(mostRank);
+    if (old) return old;
+    const made = placesTexture(placesOf(clusters, order, this.nVertex, mostRank).places);
+    places.set(mostRank, made);
+    return made;
+  }
+
+  private addLayer(
+    renderer: WebGLRenderer,
+    tensor: Tensor,
+    mostRank: number,
+    to: number,
+    scale: number,
+  ): void {
     const u = this.material.uniforms;
     if (u.factors) u.factors.value = tensor.factors;
-    if (u.places) u.places.value = tensor.places;
+    if (u.places) u.places.value = this.placesFor(tensor, mostRank);
     if (u.rows) u.rows.value = this.rows;
     if (u.scale) u.scale.value = scale;
     renderer.setRenderTarget(this.target, to);
@@ -265,7 +281,7 @@ export class Factors {
   dispose(): void {
     for (const tensor of this.tensors) {
       tensor.factors.dispose();
-      tensor.places.dispose();
+      for (const places of tensor.places.values()) places.dispose();
     }
     this.rows?.dispose();
     this.target?.dispose();
