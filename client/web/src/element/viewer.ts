@@ -137,6 +137,7 @@ export class RelightViewerElement extends HTMLElement {
       turnLight: (rotate, tilt) => this.turnLight(rotate, tilt),
       reset: () => this.resetCamera(),
       commit: () => undefined,
+      busy: () => this.viewer?.busy ?? false,
     });
   }
 

@@ -41,6 +41,7 @@ import {
   type Lamp,
 } from "./environment";
 import { isClosed } from "./closed";
+import { coarseTriangles, standIns } from "./coarse-triangles";
 import { cornersOf, rowsAt, type Mesh, type Part } from "./geometry";
 import { lookOf, MapTextures, type Images } from "./surface-maps";
 import { ErrorMap, type ErrorPlaces } from "./error-map";
@@ -77,6 +78,8 @@ export interface Look {
 const VARYINGS = 9;
 /** More than these: what a reflection sees is found for the vertices. */
 const MANY_VERTICES = 5000;
+/** Fewer are drawn as they are at any resolution. */
+const MANY_TRIANGLES = 20_000;
 const MOST_ORDERED = 20e6;
 const ONES: Vec3 = [1, 1, 1];
 /** Tone curve of the shader: none, linear radiance is kept. */
@@ -176,6 +179,7 @@ export class Stage {
   private geometry: BufferGeometry | null = null;
   private parts: ThreeMesh<BufferGeometry, RawShaderMaterial>[] = [];
   private mesh: Mesh | null = null;
+  private coarse: BufferAttribute[] = []; // triangles of each part at half the resolution
   private closed = false; // the mesh has no face that is seen from behind
   private textures: MapTextures | null = null;
   private media: readonly Medium[] = [];
@@ -259,6 +263,7 @@ export class Stage {
     this.removeParts();
     this.geometry = mesh ? attributesOf(mesh) : null;
     this.mesh = mesh;
+    this.coarse = [];
     this.closed = mesh !== null && isClosed(mesh.positions, mesh.triangles);
     this.hasColors = false;
     this.media = [];
@@ -561,11 +566,34 @@ export class Stage {
     this.last = { quality, atMs: nowMs };
     this.runBefore();
     const target = this.screen.target(quality, this.canvas);
+    this.useTriangles(quality);
     this.drawInto(target);
+    this.useTriangles(0);
     if (target) this.screen.show(this.renderer, target);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
     this.onBegun?.();
+  }
+
+  // Of half the resolution the surface has fewer triangles, made when they are wanted first.
+  private useTriangles(quality: Quality): void {
+    const { mesh } = this;
+    if (!mesh || mesh.cornerUv || mesh.triangles.length < 3 * MANY_TRIANGLES) return;
+    if (quality === 2 && !this.coarse.length) {
+      const stands = standIns(mesh.positions, mesh.normals);
+      this.coarse = mesh.parts.map(({ firstIndex, nIndex }) => {
+        const own = coarseTriangles(mesh.triangles, firstIndex / 3, nIndex / 3, stands);
+        return new BufferAttribute(orderedTriangles(own, 0, own.length / 3, mesh.nVertex), 1);
+      });
+    }
+    this.parts.forEach(({ geometry }, i) => {
+      const part = mesh.parts[i];
+      const coarse = quality === 2 ? this.coarse[i] : undefined;
+      if (!part || geometry.index === (coarse ?? this.geometry?.index)) return;
+      geometry.setIndex(coarse ?? this.geometry?.index ?? null);
+      if (coarse) geometry.setDrawRange(0, coarse.count);
+      else geometry.setDrawRange(part.firstIndex, part.nIndex);
+    });
   }
 
   private drawInto(target: WebGLRenderTarget | null, model = true): void {
