@@ -2,14 +2,11 @@
 // Coefficients into vertex colours on the GPU (PROTOCOL, FACTORS): one fragment a vertex sums the
 // rows of its cluster into a texture that the surface's vertex shader reads.
 import {
-  BufferAttribute,
-  BufferGeometry,
   Camera,
   DataTexture,
   DataUtils,
   GLSL3,
   HalfFloatType,
-  Mesh as ThreeMesh,
   NearestFilter,
   RawShaderMaterial,
   RGBAFormat,
@@ -25,6 +22,7 @@ import {
   type WebGLRenderer,
 } from "three";
 import { ADDITIVE } from "./additive";
+import { screenTriangle } from "./screen-triangle";
 import {
   ColorFormat,
   Term,
@@ -165,12 +163,7 @@ export class Factors {
         scale: { value: 1 },
       },
     });
-    const triangle = new BufferGeometry();
-    const corners = new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]);
-    triangle.setAttribute("position", new BufferAttribute(corners, 3));
-    const all = new ThreeMesh(triangle, this.material);
-    all.frustumCulled = false;
-    this.scene.add(all);
+    this.scene.add(screenTriangle(this.material));
   }
 
   /** Where multiply() writes the parts of these coefficients. */

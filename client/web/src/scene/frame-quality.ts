@@ -5,10 +5,8 @@
 /** 0: in full, four samples a pixel; 1: one sample; 2: one sample at half the width and height. */
 export type Quality = 0 | 1 | 2;
 
-/** A frame that takes longer is too slow for a hand that moves; within a display's interval, finer
- * ones are tried. */
+/** A frame that takes longer is too slow for a hand that moves. */
 const SLOW_MS = 40;
-const FAST_MS = 20;
 /** Without a change for so long, the picture rests. */
 export const REST_MS = 150;
 const FIRST_RETRY_MS = 1000;
@@ -25,8 +23,9 @@ export class FrameQuality {
   private retryMs = FIRST_RETRY_MS;
   private retryAtMs = 0;
 
-  /** A frame was drawn at this quality, and the GPU took `tookMs` for it. */
-  drawn(quality: Quality, tookMs: number, nowMs: number): void {
+  /** A frame was drawn at this quality, and the GPU took `tookMs` for it. atOnce: it was there at the
+   * next animation frame of the display, whose rate may be low; then a finer one is tried. */
+  drawn(quality: Quality, tookMs: number, atOnce: boolean, nowMs: number): void {
     if (quality !== this.moving) return; // a picture that rests
     if (quality < 2) this.leastLevel = 0;
     else if (tookMs > SLOW_MS) this.leastLevel = Math.max(this.leastLevel, 1);
@@ -35,7 +34,7 @@ export class FrameQuality {
       this.moving = (quality + 1) as Quality;
       this.retryAtMs = nowMs + this.retryMs;
       this.retryMs = Math.min(2 * this.retryMs, LAST_RETRY_MS); // it was tried, perhaps again
-    } else if (tookMs < FAST_MS && quality > 0 && nowMs >= this.retryAtMs) {
+    } else if (atOnce && quality > 0 && nowMs >= this.retryAtMs) {
       this.moving = (quality - 1) as Quality;
     }
   }

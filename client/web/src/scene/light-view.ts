@@ -32,7 +32,8 @@ export interface ViewChange {
 export interface ViewEvents {
   frame: (frame: ViewFrame, payload: Uint8Array, latencyMs: number) => void;
   error: (error: Error) => void;
-  /** Whether a frame that came waits to be drawn: until goOn() no other is asked for. */
+  /** Whether the last frame still waits to be drawn. While it does, no state is sent; goOn() says that
+   * its drawing has begun. */
   busy?: () => boolean;
   /** The least level of frames of a hand that moves: where the GPU is slow they are coarse on any link. */
   leastLevel?: () => number;

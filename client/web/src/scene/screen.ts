@@ -2,19 +2,17 @@
 // The targets that frames are drawn into on their way to the canvas: of four samples a pixel, or of
 // half the width and height (frame-quality.ts).
 import {
-  BufferAttribute,
-  BufferGeometry,
   Camera,
   GLSL3,
   LinearFilter,
   LinearSRGBColorSpace,
-  Mesh as ThreeMesh,
   RawShaderMaterial,
   Scene,
   WebGLRenderTarget,
   type WebGLRenderer,
 } from "three";
 import type { Quality } from "./frame-quality";
+import { screenTriangle } from "./screen-triangle";
 
 const vertex = /* glsl */ `
 precision highp float;
@@ -44,12 +42,7 @@ export class Screen {
   });
 
   constructor() {
-    const triangle = new BufferGeometry();
-    const corners = new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]);
-    triangle.setAttribute("position", new BufferAttribute(corners, 3));
-    const all = new ThreeMesh(triangle, this.material);
-    all.frustumCulled = false;
-    this.scene.add(all);
+    this.scene.add(screenTriangle(this.material));
   }
 
   /** Where a frame of this quality is drawn; null: to the canvas itself. */

@@ -47,6 +47,7 @@ import { lookOf, MapTextures, type Images } from "./surface-maps";
 import { ErrorMap, type ErrorPlaces } from "./error-map";
 import { FrameQuality, REST_MS, type Quality } from "./frame-quality";
 import { Screen } from "./screen";
+import { screenTriangle } from "./screen-triangle";
 import { Thickness } from "./thickness";
 import { orderedTriangles } from "./vertex-order";
 import { VertexColors, type VertexTexture } from "./vertex-colors";
@@ -76,10 +77,12 @@ export interface Look {
 }
 /** Varyings of the surface, without those of the phases and of texture coordinates. */
 const VARYINGS = 9;
-/** More than these: what a reflection sees is found for the vertices. */
+/** Meshes of more vertices compute at each vertex, in place of each pixel, which share of a
+ * reflection the model does not block. */
 const MANY_VERTICES = 5000;
 /** Fewer are drawn as they are at any resolution. */
 const MANY_TRIANGLES = 20_000;
+/** Parts times vertices up to which triangles are ordered. */
 const MOST_ORDERED = 20e6;
 const ONES: Vec3 = [1, 1, 1];
 /** Tone curve of the shader: none, linear radiance is kept. */
@@ -201,6 +204,7 @@ export class Stage {
   private readonly quality = new FrameQuality();
   private readonly screen = new Screen();
   private last: { quality: Quality; atMs: number } = { quality: 0, atMs: 0 }; // the last frame
+  private ticks = 0; // animation frames since the last one was drawn
   private changedMs = 0;
   private before: (() => void) | null = null;
 
@@ -245,14 +249,7 @@ export class Stage {
         isPlain: { value: true },
       },
     });
-    const triangle = new BufferGeometry();
-    triangle.setAttribute(
-      "position",
-      new BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3),
-    );
-    const backdrop = new ThreeMesh(triangle, this.sky);
-    backdrop.frustumCulled = false;
-    this.backdrop.add(backdrop);
+    this.backdrop.add(screenTriangle(this.sky));
   }
 
   // ---- mesh, colours and light
@@ -527,7 +524,7 @@ export class Stage {
     gl.deleteSync(this.fence);
     this.fence = null;
     const nowMs = performance.now();
-    this.quality.drawn(this.last.quality, nowMs - this.last.atMs, nowMs);
+    this.quality.drawn(this.last.quality, nowMs - this.last.atMs, this.ticks <= 1, nowMs);
     this.finished++;
     this.onDrawn?.();
     return true;
@@ -549,6 +546,7 @@ export class Stage {
   // What moves is drawn as finely as the GPU follows, and what has come to rest in full.
   private tick(): void {
     this.scheduled = false;
+    this.ticks++;
     if (this.idle) {
       const nowMs = performance.now();
       const rested = nowMs - this.changedMs > REST_MS;
@@ -564,6 +562,7 @@ export class Stage {
     const gl = this.renderer.getContext() as WebGL2RenderingContext;
     this.dirty = false;
     this.last = { quality, atMs: nowMs };
+    this.ticks = 0;
     this.runBefore();
     const target = this.screen.target(quality, this.canvas);
     this.useTriangles(quality);

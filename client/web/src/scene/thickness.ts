@@ -2,8 +2,7 @@
 // Thickness: how much of each line of sight lies inside the translucent parts, in mm. Distances of
 // surfaces that face away count positive, of others negative; their sum is blended on the GPU.
 import {
-  BufferAttribute,
-  BufferGeometry,
+  type BufferGeometry,
   Camera,
   DataUtils,
   DoubleSide,
@@ -20,6 +19,7 @@ import {
   type WebGLRenderer,
 } from "three";
 import { ADDITIVE } from "./additive";
+import { screenTriangle } from "./screen-triangle";
 
 const vertex = /* glsl */ `
 precision highp float;
@@ -88,12 +88,7 @@ export class Thickness {
       depthWrite: false,
       uniforms: { sums: { value: null }, most: { value: 1 } },
     });
-    const triangle = new BufferGeometry();
-    const corners = new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]);
-    triangle.setAttribute("position", new BufferAttribute(corners, 3));
-    const whole = new ThreeMesh(triangle, this.screen);
-    whole.frustumCulled = false;
-    this.all.add(whole);
+    this.all.add(screenTriangle(this.screen));
   }
 
   /** Geometries of the translucent parts. */

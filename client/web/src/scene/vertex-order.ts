@@ -35,7 +35,8 @@ export function orderedTriangles(
     while (next < nVertex && !live[next]) next++;
     return next < nVertex ? next : -1;
   };
-  // Of the vertices round the last one that which leaves the cache next, if all its triangles fit.
+  // The centre of the next fan: of the last fan's vertices the one that has been in the cache for
+  // longest, if its remaining triangles can be drawn before it leaves. Else any with triangles left.
   const best = (ring: readonly number[]): number => {
     let [found, most] = [-1, -1];
     for (const v of ring) {
