@@ -26,8 +26,8 @@ static inline int visibility(const struct packet_bins *b, const struct horizon_v
 }
 
 // Rays of one receiver that wait to be cast together. Each ray stands for some of the four
-// texels of a packet of directions. These texels count as open; where the ray meets the surface
-// they are set to 0.
+// texels of a packet of directions. These are written as open before it is cast, and as 0 where
+// it hits the surface.
 struct waiting {
     const struct prt_scene *scene;
     const struct directions *d;
