@@ -112,6 +112,7 @@ try {
       frames_per_s: Number((((await finished()) - before) / took).toFixed(1)),
       answers_per_s: Number((frames.length / took).toFixed(1)),
       answer_ms_median: Number(middle(frames.map(({ delayMs }) => delayMs)).toFixed(1)),
+      daemon_ms_median: Number(middle(frames.map(({ daemonMs }) => daemonMs)).toFixed(1)),
       picture_ms_median: Number(
         middle(await page.evaluate(() => globalThis.pictures)).toFixed(1),
       ),

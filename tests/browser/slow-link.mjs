@@ -62,6 +62,7 @@ export const noteFrames = (page) =>
         rows: frame.colors?.coefficients?.mostRank ?? 0,
         coarse: frame.colors?.nCoarse ?? 0,
         bytes: payload.length,
+        daemonMs: (frame.colors ?? frame.image)?.cost?.totalMs ?? 0,
       });
       received(frame, payload);
     };

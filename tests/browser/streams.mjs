@@ -89,6 +89,78 @@ export function streamScenarios({
       }
     },
 
+    // What a resting eye sees is kept where the GPU is slow: the same picture under any light.
+    async "a resting surface is lit by both streams as the surface itself"(home) {
+      const forward = '{"sigma_s_prime":[0.5,0.5,0.5],"sigma_a":[0.02,0.05,0.1],"g":0.3}';
+      for (const [model, material] of [
+        ["marble.prt", ""],
+        ["thin-open.prt", forward],
+        ["variants.prt", ""],
+      ]) {
+        const state = new URLSearchParams({ model, material, light: "page:window@40,0" });
+        const page = await open(`${home}/#${state}`);
+        await mode(page, "mesh");
+        await coefficients(page);
+        for (const on of [true, false]) {
+          await page.evaluate((c) => globalThis.relightViewer.useCoefficients(c), on);
+          for (const light of ["page:window@40,0", "page:window@190,20"]) {
+            await page.evaluate((l) => {
+              const hash = new URLSearchParams(location.hash.slice(1));
+              hash.set("light", l);
+              location.hash = hash;
+            }, light);
+            await settled(page);
+            const [still, own, seen] = await page.evaluate(async () => {
+              const [w, h] = [160, 120];
+              const { stage } = globalThis.relightViewer;
+              await stage.makeStill("test", w, h);
+              const Target = stage.screen.target(2, stage.canvas).constructor;
+              const target = new Target(w, h, { type: 1015 }); // floats
+              const curve = stage.shared.curve.value;
+              stage.value("curve", 3); // linear
+              stage.drawStill(target, stage.still);
+              stage.value("curve", curve);
+              const out = new Float32Array(4 * w * h);
+              stage.renderer.readRenderTargetPixels(target, 0, 0, w, h, out);
+              target.dispose();
+              const own = stage.readLinear(w, h, 1);
+              return [Array.from(out), Array.from(own), stage.still.visible.length];
+            });
+            const off = difference(still, own);
+            console.log(
+              `  ${model} ${light}, ${on ? "coefficients" : "colours"}: ${percent(off)} of ${seen} vertices`,
+            );
+            assert.ok(seen > 100);
+            assert.ok(off < 0.005, `relative RMSE ${off}`);
+          }
+        }
+        await page.context().close();
+      }
+    },
+
+    // A closed surface is drawn from outside only, unless the eye may be in it: in a room of opaque walls.
+    async "walls about the eye are drawn from inside"(home) {
+      const page = await open(`${home}/#model=marble.prt&light=page:window@40,0`);
+      await mode(page, "mesh");
+      await settled(page);
+      const [outside, inside] = await page.evaluate(() => {
+        const { stage, state } = globalThis.relightViewer;
+        const sides = (reach) => {
+          stage.reach = reach;
+          globalThis.relightViewer.applyCamera(state);
+          return stage.parts.map(({ material }) => material.side);
+        };
+        stage.closed = true; // as if its triangles closed it
+        stage.setMaps(new Map());
+        return [sides(0.1), sides(1e6)];
+      });
+      assert.deepEqual([outside, inside], [[0], [2]]); // FrontSide and DoubleSide of three.js
+      await settled(page);
+      const { rmse } = await againstDaemon(page);
+      assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+      await page.context().close();
+    },
+
     async "on a slow link colours are of fewer vertices, and end in the exact ones"(
       home,
       port,

@@ -45,11 +45,14 @@ function outputOf(entry) {
   const url = (file) => relative(out, join(web, file));
   return { path, url: url(path), css: info.cssBundle && url(info.cssBundle) };
 }
+// Imported when it is wanted first, if ever.
+const LATER = ["src/scene/still-surface.ts"];
 // An entry and everything that it leads to: the stage, too, which it imports as soon as it runs.
 function loaded(path, found = new Set()) {
   found.add(path);
   for (const { path: next } of result.metafile.outputs[path].imports)
-    if (!found.has(next)) loaded(next, found);
+    if (!found.has(next) && !LATER.includes(result.metafile.outputs[next].entryPoint))
+      loaded(next, found);
   return found;
 }
 

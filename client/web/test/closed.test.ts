@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 import { describe, expect, it } from "vitest";
-import { isClosed } from "../src/scene/closed";
+import { isClosed, reachOf } from "../src/scene/closed";
 
 const corners = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1];
 const outwards = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3];
@@ -26,5 +26,12 @@ describe("isClosed", () => {
     expect(closed(corners, inwards(outwards))).toBe(false);
     const small = moved.map((x) => x * 0.1);
     expect(closed([...corners, ...small], [...outwards, ...inwards(shifted)])).toBe(false);
+  });
+});
+
+describe("reachOf", () => {
+  it("is the distance of the farthest vertex", () => {
+    expect(reachOf(Float32Array.from([1, 1, 1, 4, 5, 1]), [1, 1, 1])).toBe(5);
+    expect(reachOf(new Float32Array(0), [1, 1, 1])).toBe(0);
   });
 });

@@ -63,10 +63,55 @@ test("each light's coefficients are multiplied by its own scale", () => {
   });
   const planes = new Uint8Array(Uint16Array.from([half, 0, 0, 0, two, 0, 0, 0]).buffer);
   const { drawn, renderer } = notingRenderer();
-  factors.multiply(renderer, light, colors, planes);
+  expect(factors.multiply(renderer, light, colors, planes)).toMatchObject({
+    layers: 1,
+    exits: 0,
+  });
   expect(drawn).toEqual([
     { scale: 2 ** -20, first: half, layer: 0 },
     { scale: 2 ** -16, first: two, layer: 0 },
   ]);
+  factors.dispose();
+});
+
+test("the values of some vertices are found in the order of their list", () => {
+  // Vertices 3 and 0 in a cluster of rank 5, 2 in one of rank 1, 1 in one of rank 3, as above.
+  const bytes = new Uint8Array(48 + 4 * 96);
+  bytes.set(new Uint8Array(Uint32Array.from([2, 5, 1, 1, 1, 3, 3, 0, 2, 1]).buffer));
+  const factors = new Factors(
+    create(FactorsAnswerSchema, {
+      factors: 7n,
+      nVertex: 4,
+      tensors: [
+        { term: Term.MULTIPLE, nCluster: 3, orderOffset: 24n, uOffset: 48n, uBytes: 384n },
+      ],
+    }),
+    bytes,
+  );
+  const light = create(CoefficientsSchema, {
+    factors: 7n,
+    layers: [{ tensor: 0, nRow: 9, nPhase: 1, scales: [1] }],
+  });
+  const colors = create(ColorsAnswerSchema, {
+    format: ColorFormat.COLOR_COEFFICIENTS,
+    nPlane: 1,
+    planeBytes: 56n,
+  });
+  let places: unknown;
+  const renderer = {
+    setClearColor: () => undefined,
+    clear: () => undefined,
+    setRenderTarget: () => undefined,
+    render: (scene: Scene) => {
+      const { uniforms } = (scene.children[0] as Mesh).material as RawShaderMaterial;
+      const texture = uniforms.places?.value as { image: { data: Uint32Array } };
+      places = Array.from(texture.image.data.subarray(0, 8));
+    },
+  } as unknown as WebGLRenderer;
+  const some = Uint32Array.from([1, 3]);
+  factors.multiply(renderer, light, colors, new Uint8Array(56), some);
+  expect(places).toEqual([64, 16, 3, 6, 0, 16, 5, 0]);
+  factors.multiply(renderer, light, colors, new Uint8Array(56));
+  expect(places).toEqual([1, 16, 5, 0, 64, 16, 3, 6]); // of 0 and 1
   factors.dispose();
 });

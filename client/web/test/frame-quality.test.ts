@@ -44,6 +44,17 @@ describe("FrameQuality", () => {
       expect(q.moving).toBe(0);
     }
   });
+  it("asks for more coefficients again where frames have become faster", () => {
+    const q = new FrameQuality();
+    q.drawn(0, 200, false, 0);
+    q.drawn(1, 200, false, 200);
+    q.drawn(2, 100, false, 400);
+    expect(q.leastLevel).toBe(2);
+    q.drawn(2, 70, false, 500);
+    expect(q.leastLevel).toBe(2);
+    q.drawn(2, 50, false, 570);
+    expect([q.moving, q.leastLevel]).toEqual([2, 1]);
+  });
   it("learns nothing from a picture that rests", () => {
     const q = new FrameQuality();
     q.drawn(0, 90, false, 0);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Whether a surface is closed and its triangles turn outwards: then no face is seen from behind.
+// Whether a surface is closed and its triangles turn outwards: then no face is seen from behind, by an
+// eye outside.
 
 // Two vertices' number, the same for (a, b) and (b, a); of different pairs almost surely another.
 function pairHash(a: number, b: number, seed: number): number {
@@ -56,4 +57,19 @@ export function isClosed(positions: Float32Array, triangles: Uint32Array): boole
     volume.set(own, (volume.get(own) ?? 0) + six);
   }
   return [...volume.values()].every((six) => six > 0);
+}
+
+/** The largest distance of a vertex from a point. */
+export function reachOf(
+  positions: Float32Array,
+  [x, y, z]: readonly [number, number, number],
+): number {
+  let most = 0;
+  for (let i = 0; i + 2 < positions.length; i += 3) {
+    const u = (positions[i] ?? 0) - x;
+    const v = (positions[i + 1] ?? 0) - y;
+    const w = (positions[i + 2] ?? 0) - z;
+    most = Math.max(most, u * u + v * v + w * w);
+  }
+  return Math.sqrt(most);
 }

@@ -31,6 +31,7 @@ import {
   type FactorsAnswer,
 } from "../gen/relight_pb";
 import { halves, shorts, words } from "../protocol/frame";
+import { rowsAt } from "./geometry";
 import { rowsOf, type VertexTexture } from "./vertex-colors";
 import { FACTOR_WIDTH, factorFragment, factorVertex, ROW_WIDTH, VERTEX_WIDTH } from "./shaders";
 
@@ -41,11 +42,27 @@ interface Tensor {
   /** Planes of exit, which follow the phases of single scattering. */
   exit: boolean;
   factors: DataTexture;
-  /** By the most rows of a cluster. */
-  places: Map<number, DataTexture>;
   clusters: Uint32Array;
   order: Uint32Array;
 }
+/** Vertices whose values are wanted, with what finds and holds them. */
+interface Selection {
+  /** null: all. */
+  vertices: Uint32Array | null;
+  target: WebGLArrayRenderTarget | null;
+  /** Where the vertices find their factors, by tensor and by the most rows of a cluster. */
+  places: Map<string, DataTexture>;
+}
+const selectionOf = (vertices: Uint32Array | null): Selection => ({
+  vertices,
+  target: null,
+  places: new Map<string, DataTexture>(),
+});
+function disposeOf({ target, places }: Selection): void {
+  target?.dispose();
+  for (const texture of places.values()) texture.dispose();
+}
+
 const placesTexture = (places: Uint32Array): DataTexture =>
   texture(places, VERTEX_WIDTH, RGBAIntegerFormat, UnsignedIntType, "RGBA32UI", 4);
 
@@ -124,7 +141,8 @@ export class Factors {
   readonly hash: bigint;
   private readonly tensors: Tensor[];
   private readonly nVertex: number;
-  private target: WebGLArrayRenderTarget | null = null;
+  private readonly whole = selectionOf(null);
+  private part = selectionOf(new Uint32Array(0));
   private readonly scene = new Scene();
   private readonly camera = new Camera();
   private readonly material: RawShaderMaterial;
@@ -137,7 +155,7 @@ export class Factors {
     this.tensors = answer.tensors.map((tensor) => {
       const clusters = words(payload, Number(tensor.clustersOffset), 2 * tensor.nCluster);
       const order = words(payload, Number(tensor.orderOffset), n);
-      const { places, texels } = placesOf(clusters, order, n);
+      const { texels } = placesOf(clusters, order, n);
       if (texels * 4 !== Number(tensor.uBytes))
         throw new Error("the clusters of FACTORS contradict its size");
       const u = shorts(payload, Number(tensor.uOffset), 2 * texels);
@@ -145,7 +163,6 @@ export class Factors {
         term: tensor.term,
         exit: tensor.exit,
         factors: texture(u, FACTOR_WIDTH, RGIntegerFormat, ShortType, "RG16I", 2),
-        places: new Map([[0, placesTexture(places)]]),
         clusters: clusters.slice(), // the payload is free to go
         order: order.slice(),
       };
@@ -166,21 +183,24 @@ export class Factors {
     this.scene.add(screenTriangle(this.material));
   }
 
-  /** Where multiply() writes the parts of these coefficients. */
-  vertexTexture(light: Coefficients): VertexTexture {
-    const exits = this.mostPhases(light, (tensor) => tensor.exit);
-    const layers = 1 + this.singleLayers(light) + exits;
-    const old = this.target;
-    if (old?.depth === layers) return { texture: old.texture, layers, exits };
-    old?.dispose();
-    const made = new WebGLArrayRenderTarget(VERTEX_WIDTH, rowsOf(this.nVertex), layers, {
+  private targetOf(selection: Selection, layers: number): WebGLArrayRenderTarget {
+    if (selection.target?.depth === layers) return selection.target;
+    selection.target?.dispose();
+    const n = selection.vertices?.length ?? this.nVertex;
+    return (selection.target = new WebGLArrayRenderTarget(VERTEX_WIDTH, rowsOf(n), layers, {
       type: HalfFloatType,
       minFilter: NearestFilter,
       magFilter: NearestFilter,
       depthBuffer: false,
-    });
-    this.target = made;
-    return { texture: made.texture, layers, exits };
+    }));
+  }
+  private selected(vertices: Uint32Array | null): Selection {
+    if (!vertices) return this.whole;
+    if (this.part.vertices !== vertices) {
+      disposeOf(this.part);
+      this.part = selectionOf(vertices);
+    }
+    return this.part;
   }
   private singleLayers(light: Coefficients): number {
     return this.mostPhases(light, ({ term, exit }) => term === Term.SINGLE && !exit);
@@ -192,18 +212,23 @@ export class Factors {
     }, 0);
   }
 
-  /** The values of all vertices under a light, into vertexTexture(); the planes are summed. */
+  /** The values under a light of all vertices, or of those of a list, in its order; planes of lights are
+   * summed. They live until the next call of the same kind. */
   multiply(
     renderer: WebGLRenderer,
     light: Coefficients,
     { format, nPlane, planeBytes }: ColorsAnswer,
     payload: Uint8Array,
-  ): void {
-    const { layers } = this.vertexTexture(light);
+    vertices: Uint32Array | null = null,
+  ): VertexTexture {
+    const exits = this.mostPhases(light, (tensor) => tensor.exit);
     const single = this.singleLayers(light);
+    const layers = 1 + single + exits;
+    const selection = this.selected(vertices);
+    const target = this.targetOf(selection, layers);
     renderer.setClearColor(0, 0);
     for (let i = 0; i < layers; i++) {
-      renderer.setRenderTarget(this.target, i);
+      renderer.setRenderTarget(target, i);
       renderer.clear();
     }
     for (let plane = 0; plane < nPlane; plane++)
@@ -216,38 +241,47 @@ export class Factors {
             : halves(payload, at, 3 * n);
         const tensor = this.tensors[layer.tensor];
         if (!tensor) continue;
+        const places = this.placesFor(selection, layer.tensor, tensor, light.mostRank);
         const first = tensor.exit ? 1 + single : tensor.term === Term.SINGLE ? 1 : 0;
         for (let phase = 0; phase < layer.nPhase; phase++) {
           this.fillRows(rows, layer.nRow, layer.nPhase, phase);
           const scale = (layer.scales[plane] ?? 1) * U_SCALE;
-          this.addLayer(renderer, tensor, light.mostRank, first + phase, scale);
+          renderer.setRenderTarget(target, first + phase);
+          this.addLayer(renderer, tensor, places, scale);
         }
       }
     renderer.setRenderTarget(null);
     renderer.setClearColor(0, 1);
+    return { texture: target.texture, layers, exits };
   }
 
-  private placesFor({ places, clusters, order }: Tensor, mostRank: number): DataTexture {
-    const old = places.get(mostRank);
+  private placesFor(
+    selection: Selection,
+    index: number,
+    { clusters, order }: Tensor,
+    mostRank: number,
+  ): DataTexture {
+    const key = `${index} ${mostRank}`;
+    const old = selection.places.get(key);
     if (old) return old;
-    const made = placesTexture(placesOf(clusters, order, this.nVertex, mostRank).places);
-    places.set(mostRank, made);
+    const { places } = placesOf(clusters, order, this.nVertex, mostRank);
+    const { vertices } = selection;
+    const made = placesTexture(vertices ? rowsAt(places, 4, vertices) : places);
+    selection.places.set(key, made);
     return made;
   }
 
   private addLayer(
     renderer: WebGLRenderer,
-    tensor: Tensor,
-    mostRank: number,
-    to: number,
+    { factors }: Tensor,
+    places: DataTexture,
     scale: number,
   ): void {
     const u = this.material.uniforms;
-    if (u.factors) u.factors.value = tensor.factors;
-    if (u.places) u.places.value = this.placesFor(tensor, mostRank);
+    if (u.factors) u.factors.value = factors;
+    if (u.places) u.places.value = places;
     if (u.rows) u.rows.value = this.rows;
     if (u.scale) u.scale.value = scale;
-    renderer.setRenderTarget(this.target, to);
     renderer.render(this.scene, this.camera);
   }
 
@@ -272,12 +306,10 @@ export class Factors {
   }
 
   dispose(): void {
-    for (const tensor of this.tensors) {
-      tensor.factors.dispose();
-      for (const places of tensor.places.values()) places.dispose();
-    }
+    for (const { factors } of this.tensors) factors.dispose();
+    disposeOf(this.whole);
+    disposeOf(this.part);
     this.rows?.dispose();
-    this.target?.dispose();
     this.material.dispose();
   }
 }

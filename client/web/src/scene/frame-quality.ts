@@ -14,6 +14,8 @@ const LAST_RETRY_MS = 60_000;
 
 /** Half resolution is not enough where its frames take so long. */
 const STILL_SLOW_MS = 90;
+/** It is enough again, with some more coefficients, where they take no longer. */
+const FAST_AGAIN_MS = 60;
 
 export class FrameQuality {
   /** Of frames of something that moves. */
@@ -30,6 +32,7 @@ export class FrameQuality {
     if (quality < 2) this.leastLevel = 0;
     else if (tookMs > SLOW_MS) this.leastLevel = Math.max(this.leastLevel, 1);
     if (quality === 2 && tookMs > STILL_SLOW_MS) this.leastLevel = 2;
+    else if (tookMs < FAST_AGAIN_MS) this.leastLevel = Math.min(this.leastLevel, 1);
     if (tookMs > SLOW_MS && quality < 2) {
       this.moving = (quality + 1) as Quality;
       this.retryAtMs = nowMs + this.retryMs;

@@ -125,7 +125,7 @@ export function cornersOf(mesh: Pick<Mesh, "triangles" | "cornerUv">): Corners |
 }
 
 /** Rows of `width` numbers, one for each vertex of `source`. */
-export function rowsAt<T extends Float32Array | Int8Array>(
+export function rowsAt<T extends Float32Array | Int8Array | Uint16Array | Uint32Array>(
   values: T,
   width: number,
   source: Uint32Array,

@@ -2,7 +2,7 @@
 // GLSL of the stage: the surface, the background and the tone curve, as libprt/raster computes
 // them (METHODS §6, §7).
 
-const tone = /* glsl */ `
+export const tone = /* glsl */ `
 uniform float exposure;  // 2^EV
 uniform int curve;       // Tone of relight.proto; 3: linear radiance as it is, for tests
 vec3 filmic(vec3 x) { return x * (x + 0.06) / (x * (x + 0.62) + 0.09); }
@@ -15,7 +15,7 @@ vec3 encoded(vec3 radiance) {
 }`;
 
 // Bilinear look-up in a bordered cube of n x n texels whose faces are layers from \`first\` on.
-const cube = /* glsl */ `
+export const cube = /* glsl */ `
 vec3 fromCube(sampler2DArray faces, vec3 d, float n, float first) {
   vec3 a = abs(d);
   float face; vec2 st; float major;
@@ -31,7 +31,7 @@ vec3 fromCube(sampler2DArray faces, vec3 d, float n, float first) {
 }`;
 
 // Real spherical harmonics up to l = 3, in the order of PROTOCOL.md (FACTORS).
-const harmonics = /* glsl */ `
+export const harmonics = /* glsl */ `
 void harmonics(vec3 d, out float y[16]) {
   float x = d.x, v = d.y, z = d.z;
   y[0] = 0.28209479;
@@ -43,7 +43,9 @@ void harmonics(vec3 d, out float y[16]) {
   y[11] = 0.45704580 * v * (5.0 * z * z - 1.0); y[12] = 0.37317633 * z * (5.0 * z * z - 3.0);
   y[13] = 0.45704580 * x * (5.0 * z * z - 1.0); y[14] = 1.44530572 * z * (x * x - v * v);
   y[15] = 0.59004359 * x * (x * x - 3.0 * v * v);
-}
+}`;
+
+const inwards = /* glsl */ `
 // The direction inside whose refraction is w; c: cosine of w to the normal m.
 vec3 inwards(vec3 w, vec3 m, float c) {
   return w / eta + (sqrt(1.0 - (1.0 - c * c) / (eta * eta)) - c / eta) * m;
@@ -150,8 +152,13 @@ out vec3 n;
 #if N_UV > 0
 out vec2 coordinates[N_UV];
 #endif
+#ifndef STILL
 ${harmonics}
+${inwards}
 ${colorInput}
+#elif defined(BLOCKED) && BLOCKED == 2
+${harmonics}
+#endif
 ${blockedInput}
 void main() {
   readBlocked();
@@ -161,7 +168,9 @@ void main() {
 #ifdef TINTED
   vertexTint = tint;
 #endif
+#ifndef STILL
   readColors();
+#endif
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
 
@@ -255,6 +264,21 @@ Look lookAt(vec3 at, vec3 n, float opaque, float mediumRoughness) {
   return look;
 }`;
 
+// The light that a surface reflects, filtered to its roughness.
+export const reflection = /* glsl */ `
+uniform sampler2DArray lobes; // [6 levels][6 faces]
+uniform mat3 lobeTurn;        // world to the lobes' light
+uniform vec3 lobeGain;
+vec3 reflected(vec3 d, float rough) {
+  float k = rough <= 0.15 ? 0.0 : rough <= 0.3 ? 1.0 : rough <= 0.45 ? 2.0 : rough <= 0.65 ? 3.0 : 4.0;
+  float lo = k == 0.0 ? 0.0 : k == 1.0 ? 0.15 : k == 2.0 ? 0.3 : k == 3.0 ? 0.45 : 0.65;
+  float wide = k <= 2.0 ? 0.15 : k == 3.0 ? 0.2 : 0.35;
+  float share = clamp((rough - lo) / wide, 0.0, 1.0);
+  vec3 to = lobeTurn * d;
+  return lobeGain *
+    mix(fromCube(lobes, to, 32.0, 6.0 * k), fromCube(lobes, to, 32.0, 6.0 * k + 6.0), share);
+}`;
+
 export const surfaceFragment = /* glsl */ `
 precision highp float;
 precision highp int;
@@ -266,28 +290,27 @@ uniform float divisor;        // the factor that the colours already have
 uniform float viewSlope;      // of single scattering towards an eye (PROTOCOL, FACTORS)
 uniform float reflection;     // 1: reflections are added
 uniform float opaque;
-uniform sampler2DArray lobes; // [6 levels][6 faces]
-uniform mat3 lobeTurn;        // world to the lobes' light
-uniform vec3 lobeGain;
-in vec3 at, n, multiple, single;
+in vec3 at, n;
+#ifdef STILL
+// What does not depend on the light (still-surface.ts).
+layout(location = 0) out vec4 still0;
+layout(location = 1) out vec4 still1;
+layout(location = 2) out vec4 still2;
+layout(location = 3) out vec4 still3;
+#else
+in vec3 multiple, single;
 #if N_PIXEL > 0
 in vec3 phase[N_PIXEL];
 #endif
 out vec4 color;
 ${tone}
 ${cube}
+${reflection}
+#endif
 ${harmonics}
+${inwards}
 ${unblocked}
 ${look}
-vec3 reflected(vec3 d, float rough) {
-  float k = rough <= 0.15 ? 0.0 : rough <= 0.3 ? 1.0 : rough <= 0.45 ? 2.0 : rough <= 0.65 ? 3.0 : 4.0;
-  float lo = k == 0.0 ? 0.0 : k == 1.0 ? 0.15 : k == 2.0 ? 0.3 : k == 3.0 ? 0.45 : 0.65;
-  float wide = k <= 2.0 ? 0.15 : k == 3.0 ? 0.2 : 0.35;
-  float share = clamp((rough - lo) / wide, 0.0, 1.0);
-  vec3 to = lobeTurn * d;
-  return lobeGain *
-    mix(fromCube(lobes, to, 32.0, 6.0 * k), fromCube(lobes, to, 32.0, 6.0 * k + 6.0), share);
-}
 // A normal that turns away from the eye is bent towards it; c: its cosine to w.
 vec3 facingEye(vec3 m, vec3 w, float least, out float c) {
   float own = min(dot(w, m), 1.0);
@@ -311,21 +334,32 @@ void main() {
   float least = max(0.5 * facing, 1e-3), c, cm;
   vec3 m = facingEye(own, w, least, c);
   float t = opaque > 0.5 || transmission < 0.5 ? 1.0 : (1.0 - mirrorShare(c)) / divisor;
-  vec3 inside = inwards(w, m, c), scattered = single;
+  vec3 inside = inwards(w, m, c);
+  // The slope belongs to the vertices' normals.
+  float slope = 1.0 + viewSlope * (1.0 - dot(n, inside));
+  vec3 through = t * look.base * (opaque > 0.5 ? look.occlusion : 1.0);
+  float spread = min(2.0 * variance, 0.18);
+  float rough = spread > 1e-4 ? sqrt(sqrt(pow(look.roughness, 4.0) + spread)) : look.roughness;
+  vec3 turned = facingEye(look.normal, w, least, cm), from = 2.0 * cm * turned - w;
+  float mirror = 0.0;
+  if (reflection > 0.5 && opaque < 0.5)
+    mirror = mirrorShare(cm) * unblocked(from) * look.occlusion;
+#ifdef STILL
+  still0 = vec4(through, slope);
+  still1 = vec4(from, mirror);
+  still2 = vec4(look.emission, rough);
+  still3 = vec4(inside, 0.0);
+#else
+  vec3 scattered = single;
 #if N_PIXEL > 0
   float y[16];
   harmonics(inside, y);
   for (int k = 1; k <= N_PIXEL; k++) scattered += y[k] * phase[k - 1];
 #endif
-  // The slope belongs to the vertices' normals.
-  vec3 body = multiple + (1.0 + viewSlope * (1.0 - dot(n, inside))) * scattered;
-  body = max(t * body, vec3(0.0)) * look.base * (opaque > 0.5 ? look.occlusion : 1.0);
-  float spread = min(2.0 * variance, 0.18);
-  float rough = spread > 1e-4 ? sqrt(sqrt(pow(look.roughness, 4.0) + spread)) : look.roughness;
-  vec3 turned = facingEye(look.normal, w, least, cm), from = 2.0 * cm * turned - w;
-  if (reflection > 0.5 && opaque < 0.5)
-    body += mirrorShare(cm) * unblocked(from) * look.occlusion * reflected(from, rough);
-  color = vec4(encoded(body + look.emission), 1.0);
+  vec3 body = max(through * (multiple + slope * scattered), vec3(0.0)) + look.emission;
+  if (mirror > 0.0) body += mirror * reflected(from, rough);
+  color = vec4(encoded(body), 1.0);
+#endif
 }`;
 
 export const backgroundVertex = /* glsl */ `

@@ -1,32 +1,26 @@
 // SPDX-License-Identifier: MIT
 // The stage draws a mesh whose colours come from the daemon, the light's reflection, and the
-// background. It draws when something changed, and never has more than one frame on the way.
+// background. It draws when something changed, and never has more than one frame on the way. Above
+// 600 lines: one class has the mesh, the light and the camera, and knows which of them changed.
 import type { Texture } from "three";
 import {
   BufferAttribute,
   BufferGeometry,
   Camera,
-  DataArrayTexture,
   DoubleSide,
   FrontSide,
   FloatType,
   GLSL3,
-  HalfFloatType,
-  InterleavedBuffer,
-  InterleavedBufferAttribute,
-  LinearFilter,
   LinearSRGBColorSpace,
   Matrix3,
   Matrix4,
   Mesh as ThreeMesh,
   PerspectiveCamera,
   RawShaderMaterial,
-  RGBAFormat,
   Scene,
   Vector3,
   WebGLRenderer,
   WebGLRenderTarget,
-  DataUtils,
   type IUniform,
 } from "three";
 import type { ColorsAnswer } from "../gen/relight_pb";
@@ -40,9 +34,11 @@ import {
   type Cube,
   type Lamp,
 } from "./environment";
-import { isClosed } from "./closed";
+import { fillHalf, halfTexture } from "./half-texture";
+import { isClosed, reachOf } from "./closed";
 import { coarseTriangles, standIns } from "./coarse-triangles";
-import { cornersOf, rowsAt, type Mesh, type Part } from "./geometry";
+import type { Mesh, Part } from "./geometry";
+import { attributesOf } from "./mesh-attributes";
 import { lookOf, MapTextures, type Images } from "./surface-maps";
 import { ErrorMap, type ErrorPlaces } from "./error-map";
 import { FrameQuality, REST_MS, type Quality } from "./frame-quality";
@@ -50,7 +46,8 @@ import { Screen } from "./screen";
 import { screenTriangle } from "./screen-triangle";
 import { Thickness } from "./thickness";
 import { orderedTriangles } from "./vertex-order";
-import { VertexColors, type VertexTexture } from "./vertex-colors";
+import type { StillSurface } from "./still-surface";
+import { colorsOf, VertexColors, type VertexTexture } from "./vertex-colors";
 import {
   backgroundFragment,
   backgroundVertex,
@@ -82,31 +79,11 @@ const VARYINGS = 9;
 const MANY_VERTICES = 5000;
 /** Fewer are drawn as they are at any resolution. */
 const MANY_TRIANGLES = 20_000;
-/** Parts times vertices up to which triangles are ordered. */
-const MOST_ORDERED = 20e6;
+/** Up to which what a resting eye sees is kept: it takes 72 bytes a triangle. */
+const MOST_STILL_TRIANGLES = 1_000_000;
 const ONES: Vec3 = [1, 1, 1];
 /** Tone curve of the shader: none, linear radiance is kept. */
 const LINEAR = 3;
-
-function halfTexture(side: number, layers: number): DataArrayTexture {
-  const texture = new DataArrayTexture(
-    new Uint16Array(side * side * layers * 4),
-    side,
-    side,
-    layers,
-  );
-  texture.format = RGBAFormat;
-  texture.type = HalfFloatType;
-  texture.minFilter = texture.magFilter = LinearFilter;
-  texture.colorSpace = LinearSRGBColorSpace;
-  return texture;
-}
-function fillHalf(texture: DataArrayTexture, values: Float32Array): void {
-  const data = texture.image.data as Uint16Array;
-  for (let i = 0; i < data.length; i++)
-    data[i] = DataUtils.toHalfFloat(Math.min(values[i] ?? 0, 65504));
-  texture.needsUpdate = true;
-}
 
 // From the world into a lamp's environment: the columns are the images of the axes.
 function turnOf(lamp: Pick<Lamp, "rotateDeg" | "tiltDeg">): number[] {
@@ -130,40 +107,6 @@ export function meanOfBlocks(points: Float32Array, width: number, fine: number):
   return out;
 }
 
-// The triangles of each part in the order in which they are drawn. Of many parts of many vertices
-// it stays that of the file: the search takes memory of all vertices for each part.
-function drawnOrder(mesh: Mesh, triangles: Uint32Array): Uint32Array {
-  if (mesh.parts.length * mesh.nVertex > MOST_ORDERED) return triangles;
-  const out = triangles.slice();
-  const nVertex = triangles.reduce((most, v) => Math.max(most, v + 1), 0);
-  for (const { firstIndex, nIndex } of mesh.parts)
-    out.set(orderedTriangles(triangles, firstIndex / 3, nIndex / 3, nVertex), firstIndex);
-  return out;
-}
-
-// Attributes of all vertices, and the index.
-function attributesOf(mesh: Mesh): BufferGeometry {
-  const all = new BufferGeometry();
-  const corners = cornersOf(mesh);
-  const at = <T extends Float32Array | Int8Array>(values: T, width: number) =>
-    corners ? rowsAt(values, width, corners.source) : values;
-  all.setAttribute("position", new BufferAttribute(at(mesh.positions, 3), 3));
-  all.setAttribute("normal", new BufferAttribute(at(mesh.normals, 3), 3));
-  mesh.uv.forEach((uv, set) => {
-    const own = set === 0 && corners ? corners.uv : at(uv, 2);
-    all.setAttribute(`uv${set}`, new BufferAttribute(own, 2));
-  });
-  if (corners) all.setAttribute("source", new BufferAttribute(corners.source, 1));
-  if (mesh.tint) all.setAttribute("tint", new BufferAttribute(at(mesh.tint, 4), 4));
-  if (mesh.blocked) {
-    const sky = new InterleavedBuffer(at(mesh.blocked, 16), 16);
-    for (let i = 0; i < 4; i++)
-      all.setAttribute(`blocked${i}`, new InterleavedBufferAttribute(sky, 4, 4 * i));
-  }
-  all.setIndex(new BufferAttribute(drawnOrder(mesh, corners?.triangles ?? mesh.triangles), 1));
-  return all;
-}
-
 export class Stage {
   readonly canvas: HTMLCanvasElement;
   readonly renderer: WebGLRenderer;
@@ -184,12 +127,14 @@ export class Stage {
   private mesh: Mesh | null = null;
   private coarse: BufferAttribute[] = []; // triangles of each part at half the resolution
   private closed = false; // the mesh has no face that is seen from behind
+  private reach = 0; // of the mesh from the centre of its frame
+  private within = false; // the eye is nearer than that, perhaps in the mesh: then it may see some
   private textures: MapTextures | null = null;
   private media: readonly Medium[] = [];
+  private mediumKey = "";
   private readonly colors = new VertexColors();
   private single = 0; // layers of single scattering
   private exits = 0; // layers of planes of exit, behind them
-  private hasColors = false;
   private skyCube: Cube | null = null;
   private lobeCube: Cube | null = null; // whose light alone, without its turn, the lobes are of
   private wantsPlain = true;
@@ -206,7 +151,12 @@ export class Stage {
   private last: { quality: Quality; atMs: number } = { quality: 0, atMs: 0 }; // the last frame
   private ticks = 0; // animation frames since the last one was drawn
   private changedMs = 0;
-  private before: (() => void) | null = null;
+  private makeColors: ((vertices: Uint32Array | null) => VertexTexture) | null = null;
+  private made: { vertices: Uint32Array | null; texture: VertexTexture } | null = null;
+  private surface = 0; // grows with all that changes what is seen, but the light
+  private still: StillSurface | null = null; // what a resting eye sees of it, for frames that are not in full
+  private stillOf = ""; // the surface and the size
+  private lastSeen = ""; // those of the last frame
 
   /** Throws where the browser has no WebGL 2. */
   constructor(canvas: HTMLCanvasElement) {
@@ -218,6 +168,10 @@ export class Stage {
     });
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
     this.renderer.autoClear = false;
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.surface++; // what was computed on the GPU is lost
+      this.made = null;
+    });
     this.shared = {
       exposure: { value: 1 },
       curve: { value: 0 },
@@ -235,7 +189,6 @@ export class Stage {
       glslVersion: GLSL3,
       vertexShader: backgroundVertex,
       fragmentShader: backgroundFragment,
-      depthTest: false,
       depthWrite: false,
       uniforms: {
         exposure: this.shared.exposure as IUniform,
@@ -262,7 +215,8 @@ export class Stage {
     this.mesh = mesh;
     this.coarse = [];
     this.closed = mesh !== null && isClosed(mesh.positions, mesh.triangles);
-    this.hasColors = false;
+    this.reach = mesh ? reachOf(mesh.positions, mesh.frame.centre) : 0;
+    this.makeColors = this.made = null;
     this.media = [];
     this.places = null;
     if (mesh) this.setMaps(new Map());
@@ -278,6 +232,13 @@ export class Stage {
     this.parts = [];
     this.textures?.dispose();
     this.textures = null;
+    this.dropStill();
+  }
+
+  private dropStill(): void {
+    this.still?.dispose();
+    this.still = null;
+    this.surface++;
   }
 
   /** The images of the mesh's maps, those that are here. */
@@ -307,6 +268,10 @@ export class Stage {
     this.applyMedia();
   }
 
+  private get side() {
+    return this.closed && !this.within ? FrontSide : DoubleSide;
+  }
+
   private materialOf(mesh: Mesh, part: Part, textures: MapTextures): RawShaderMaterial {
     const look = lookOf(part.surface, textures, {
       nUv: mesh.uv.length,
@@ -325,7 +290,7 @@ export class Stage {
       vertexShader: surfaceVertex(look.uvSets),
       fragmentShader: surfaceFragment,
       defines: { ...defines, ...this.layerDefines(look.uvSets.length) },
-      side: this.closed ? FrontSide : DoubleSide,
+      side: this.side,
       uniforms: {
         ...this.shared,
         ...look.uniforms,
@@ -356,14 +321,31 @@ export class Stage {
 
   /** Colours as the daemon sends them, in RGB9E5 or halves, or made of those of fewer vertices. */
   takeColors(answer: ColorsAnswer, payload: Uint8Array, made?: Float32Array): void {
-    this.setColors(this.colors.take(answer, payload, made));
+    const colors = colorsOf(answer, payload, made);
+    this.light((vertices) => this.colors.put(colors, vertices));
   }
 
-  /** Colours of all vertices, as long as the texture lives. */
-  setColors({ texture, layers, exits }: VertexTexture): void {
+  /** What makes the colours: of all vertices (null), or of some, in the order of their list. It runs
+   * before the next frame, with the renderer free, and replaces one that waits: where nothing is drawn (a
+   * tab behind others) none pile up. It runs again when colours of other vertices are wanted. */
+  light(colors: (vertices: Uint32Array | null) => VertexTexture): void {
     if (!this.mesh) return;
+    this.makeColors = colors;
+    this.made = null;
+    this.redraw();
+  }
+
+  // The newest colours, of these vertices.
+  private colorsFor(vertices: Uint32Array | null): VertexTexture | null {
+    if (!this.makeColors) return null;
+    if (this.made?.vertices !== vertices)
+      this.made = { vertices, texture: this.makeColors(vertices) };
+    return this.made?.texture ?? null;
+  }
+
+  // The surface is drawn with the colours of all vertices.
+  private useColors({ texture, layers, exits }: VertexTexture): void {
     this.value("vertexColors", texture);
-    this.hasColors = true;
     if (layers - 1 - exits !== this.single || exits !== this.exits) {
       this.single = layers - 1 - exits;
       this.exits = exits;
@@ -373,7 +355,6 @@ export class Stage {
         part.material.needsUpdate = true;
       }
     }
-    this.redraw();
   }
 
   /** media: of each block of GEOMETRY, or one for all. */
@@ -381,6 +362,9 @@ export class Stage {
     media: readonly Medium[],
     apply: { transmission: boolean; reflection: boolean; look: boolean },
   ): void {
+    const key = JSON.stringify([media, apply]);
+    if (key !== this.mediumKey) this.surface++;
+    this.mediumKey = key;
     this.media = media;
     this.applyMedia();
     this.value("transmission", apply.transmission ? 1 : 0);
@@ -464,6 +448,7 @@ export class Stage {
 
   setCamera(placed: Placed, radius: number): void {
     const { camera } = this;
+    const before = [...camera.matrixWorld.elements, ...camera.projectionMatrix.elements];
     const eye = new Vector3(...placed.eye);
     const target = new Vector3(...placed.target);
     const distance = eye.distanceTo(target);
@@ -477,6 +462,15 @@ export class Stage {
     camera.lookAt(target);
     camera.updateMatrixWorld(true);
     camera.updateProjectionMatrix();
+    const now = [...camera.matrixWorld.elements, ...camera.projectionMatrix.elements];
+    if (now.some((x, i) => x !== before[i])) this.surface++;
+    const { centre } = this.mesh?.frame ?? {};
+    const within = !!centre && eye.distanceTo(new Vector3(...centre)) < this.reach;
+    if (within !== this.within) {
+      this.within = within;
+      for (const { material } of this.parts) material.side = this.side;
+      this.dropStill(); // its materials have the side, too
+    }
     this.value("eye", eye);
     this.far = distance;
     const turnOnly = camera.matrixWorld.clone().setPosition(0, 0, 0);
@@ -493,19 +487,6 @@ export class Stage {
   }
 
   // ---- when it is drawn
-
-  /** Runs before the next frame, with the renderer free: the pass that multiplies coefficients. It replaces
-   * one that waits: where nothing is drawn (a tab behind others) none pile up. */
-  beforeNext(pass: () => void): void {
-    this.before = pass;
-    this.redraw();
-  }
-
-  private runBefore(): void {
-    const pass = this.before;
-    this.before = null;
-    pass?.();
-  }
 
   redraw(): void {
     this.dirty = true;
@@ -552,10 +533,20 @@ export class Stage {
       const rested = nowMs - this.changedMs > REST_MS;
       if (this.dirty) this.draw(this.quality.moving, nowMs);
       else if (rested && this.last.quality > 0) this.draw(0, nowMs);
+      else if (rested) this.awaitHand();
     }
     if (!this.dirty && !this.fence && this.last.quality === 0) return;
     this.scheduled = true;
     requestAnimationFrame(() => this.tick());
+  }
+
+  // The picture rests: what its eye sees is found before the light moves again.
+  private awaitHand(): void {
+    if (!this.quality.moving) return;
+    const { width, height } =
+      this.screen.target(this.quality.moving, this.canvas) ?? this.canvas;
+    const seen = `${this.surface} ${width} ${height}`;
+    if (seen !== this.stillOf) void this.makeStill(seen, width, height);
   }
 
   private draw(quality: Quality, nowMs: number): void {
@@ -563,11 +554,14 @@ export class Stage {
     this.dirty = false;
     this.last = { quality, atMs: nowMs };
     this.ticks = 0;
-    this.runBefore();
     const target = this.screen.target(quality, this.canvas);
-    this.useTriangles(quality);
-    this.drawInto(target);
-    this.useTriangles(0);
+    const still = quality > 0 ? this.stillFor(target ?? this.canvas) : null;
+    if (still) this.drawStill(target, still);
+    else {
+      this.useTriangles(quality);
+      this.drawInto(target);
+      this.useTriangles(0);
+    }
     if (target) this.screen.show(this.renderer, target);
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
@@ -597,13 +591,57 @@ export class Stage {
 
   private drawInto(target: WebGLRenderTarget | null, model = true): void {
     const { renderer } = this;
+    const colors = this.colorsFor(null);
+    if (colors) this.useColors(colors);
     renderer.setRenderTarget(target);
     renderer.clear();
-    renderer.render(this.backdrop, new Camera());
+    const lit = model && colors && this.mesh && !this.thickestMm && !this.places;
+    if (lit) renderer.render(this.scene, this.camera);
+    this.drawBackdrop();
     if (model && this.mesh && this.thickestMm) this.drawThickness(target, this.mesh);
     else if (model && this.places && this.mesh) this.errorMap.draw(renderer, this.camera);
-    else if (model && this.hasColors && this.mesh) renderer.render(this.scene, this.camera);
     renderer.setRenderTarget(null);
+  }
+
+  // Behind what the target has.
+  private drawBackdrop(): void {
+    this.renderer.render(this.backdrop, new Camera());
+  }
+
+  // ---- a surface that rests under a light that moves
+
+  private drawStill(target: WebGLRenderTarget | null, still: StillSurface): void {
+    const { renderer } = this;
+    const colors = this.colorsFor(still.visible);
+    renderer.setRenderTarget(target);
+    renderer.clear();
+    if (colors) still.draw(renderer, colors);
+    this.drawBackdrop();
+    renderer.setRenderTarget(null);
+  }
+
+  // What the eye sees, if it is known. It is found when two frames have shown the same.
+  private stillFor(size: { width: number; height: number }): StillSurface | null {
+    if (this.thickestMm || this.places) return null;
+    const { width, height } = size;
+    const seen = `${this.surface} ${width} ${height}`;
+    const rests = seen === this.lastSeen;
+    this.lastSeen = seen;
+    if (seen === this.stillOf) return this.still?.visible ? this.still : null;
+    if (rests) void this.makeStill(seen, width, height);
+    return null;
+  }
+
+  private async makeStill(seen: string, width: number, height: number): Promise<void> {
+    const { mesh, surface } = this;
+    if (!mesh || this.thickestMm || this.places || !this.made) return;
+    if (mesh.triangles.length > 3 * MOST_STILL_TRIANGLES) return;
+    this.stillOf = seen;
+    const { StillSurface } = await import("./still-surface");
+    if (surface !== this.surface || this.stillOf !== seen) return;
+    this.still ??= new StillSurface(mesh, this.parts, this.shared);
+    // Where it can't be read back frames are drawn as before.
+    await this.still.begin(this.renderer, this.camera, width, height).catch(() => undefined);
   }
 
   private drawThickness(target: WebGLRenderTarget | null, mesh: Mesh): void {
@@ -633,7 +671,6 @@ export class Stage {
       colorSpace: LinearSRGBColorSpace,
     });
     const curve: unknown = this.shared.curve?.value;
-    this.runBefore();
     this.value("curve", LINEAR);
     this.drawInto(target);
     this.value("curve", curve);
@@ -650,7 +687,6 @@ export class Stage {
       colorSpace: LinearSRGBColorSpace,
       samples: 4,
     });
-    this.runBefore();
     this.drawInto(target, model);
     const out = new Uint8Array(width * height * 4);
     this.renderer.readRenderTargetPixels(target, 0, 0, width, height, out);
@@ -666,6 +702,7 @@ export class Stage {
     this.lobes.dispose();
     this.colors.dispose();
     this.screen.dispose();
+    this.still?.dispose();
     this.renderer.dispose();
   }
 }

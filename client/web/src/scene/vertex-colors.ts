@@ -15,6 +15,7 @@ import {
 } from "three";
 import { ColorFormat, type ColorsAnswer } from "../gen/relight_pb";
 import { halves, words } from "../protocol/frame";
+import { rowsAt } from "./geometry";
 import { VERTEX_WIDTH } from "./shaders";
 
 /** A texture of the vertices' colours. */
@@ -53,26 +54,52 @@ const STORES: Partial<Record<ColorFormat, (size: number) => Store>> = {
   }),
 };
 
+/** Colours of an answer, layer after layer. */
+export interface Colors {
+  format: ColorFormat;
+  values: Uint32Array | Uint16Array | Float32Array;
+  nVertex: number;
+  layers: number;
+  exits: number;
+}
+
+/** The colours of an answer in RGB9E5 or halves, or those that were made of one; throws where its payload
+ * ends too early. */
+export function colorsOf(
+  answer: ColorsAnswer,
+  payload: Uint8Array,
+  made?: Float32Array,
+): Colors {
+  const { nVertex, nExit } = answer;
+  const layers = Math.max(1, answer.nPart);
+  const half = answer.format === ColorFormat.COLOR_F16;
+  const values =
+    made ??
+    (half ? halves(payload, 0, 3 * nVertex * layers) : words(payload, 0, nVertex * layers));
+  const format = made ? ColorFormat.COLOR_F32 : answer.format;
+  return { format, values, nVertex, layers, exits: nExit };
+}
+
 export class VertexColors {
   private made: DataArrayTexture | null = null;
   private format = ColorFormat.COLOR_RGB9E5;
 
-  /** The colours of an answer in RGB9E5 or halves, or those that were made of one; throws where
-   * its payload ends too early. */
-  take(answer: ColorsAnswer, payload: Uint8Array, made?: Float32Array): VertexTexture {
-    const n = answer.nVertex;
-    const layers = Math.max(1, answer.nPart);
-    const half = answer.format === ColorFormat.COLOR_F16;
-    const values =
-      made ?? (half ? halves(payload, 0, 3 * n * layers) : words(payload, 0, n * layers));
-    const format = made ? ColorFormat.COLOR_F32 : answer.format;
-    const texture = this.textureOf(format, rowsOf(n), layers);
+  /** The colours of all vertices, or of those of a list, in its order. */
+  put(
+    { format, values, nVertex, layers, exits }: Colors,
+    vertices: Uint32Array | null,
+  ): VertexTexture {
+    const texture = this.textureOf(format, rowsOf(vertices?.length ?? nVertex), layers);
     const data = texture.image.data as unknown as Uint32Array | Uint16Array | Float32Array;
-    const each = half || made ? 3 * n : n;
-    for (let i = 0; i < layers; i++)
-      data.set(values.subarray(i * each, (i + 1) * each), (i * data.length) / layers);
+    const width = STORES[format] ? 3 : 1; // numbers a vertex
+    const each = nVertex * width;
+    for (let i = 0; i < layers; i++) {
+      const layer = values.subarray(i * each, (i + 1) * each);
+      const wanted = vertices ? rowsAt(layer, width, vertices) : layer;
+      data.set(wanted, (i * data.length) / layers);
+    }
     texture.needsUpdate = true;
-    return { texture, layers, exits: answer.nExit };
+    return { texture, layers, exits };
   }
 
   private textureOf(format: ColorFormat, rows: number, layers: number): DataArrayTexture {

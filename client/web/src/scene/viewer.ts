@@ -604,10 +604,11 @@ export class Viewer {
     }
     this.outgoing = light?.outgoing ?? colors.outgoing;
     if (!light) this.drawVertexColors(stage, colors, payload);
-    else if (factors && light.factors === factors.hash) {
-      stage.beforeNext(() => factors.multiply(stage.renderer, light, colors, payload));
-      stage.setColors(factors.vertexTexture(light));
-    } else this.openAnew();
+    else if (factors && light.factors === factors.hash)
+      stage.light((vertices) =>
+        factors.multiply(stage.renderer, light, colors, payload, vertices),
+      );
+    else this.openAnew();
     this.applyLook(state);
   }
 

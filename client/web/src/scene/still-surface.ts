@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: MIT
+// What the eye sees of a surface while only the light changes (deferred shading): it is drawn once, with
+// all that does not depend on the light, and with the three vertices of each pixel's triangle. A
+// frame then costs no vertex, and colours are wanted only of the vertices that are seen.
+import {
+  AlwaysDepth,
+  BufferAttribute,
+  BufferGeometry,
+  Camera,
+  DataTexture,
+  GLSL3,
+  HalfFloatType,
+  IntType,
+  LinearSRGBColorSpace,
+  Mesh as ThreeMesh,
+  NearestFilter,
+  RawShaderMaterial,
+  RGBAFormat,
+  RGBAIntegerFormat,
+  Scene,
+  UnsignedIntType,
+  WebGLRenderTarget,
+  type IUniform,
+  type WebGLRenderer,
+} from "three";
+import type { Mesh } from "./geometry";
+import { screenTriangle } from "./screen-triangle";
+import { cube, harmonics, reflection, tone, VERTEX_WIDTH } from "./shaders";
+import type { VertexTexture } from "./vertex-colors";
+
+const cornersVertex = /* glsl */ `
+precision highp float;
+precision highp int;
+uniform mat4 modelViewMatrix, projectionMatrix;
+in vec3 position;
+in uvec3 triangle; // its vertices, at each of the three corners
+flat out uvec3 corners;
+out vec2 weights;
+void main() {
+  int corner = gl_VertexID % 3;
+  corners = triangle;
+  weights = vec2(corner == 0, corner == 1);
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}`;
+const cornersFragment = /* glsl */ `
+precision highp float;
+precision highp int;
+flat in uvec3 corners;
+in vec2 weights;
+out uvec4 seen;
+void main() { seen = uvec4(corners, packUnorm2x16(weights)); }`;
+
+const screenVertex = /* glsl */ `
+precision highp float;
+in vec3 position;
+void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
+const litFragment = /* glsl */ `
+precision highp float;
+precision highp int;
+precision highp sampler2DArray;
+uniform highp usampler2D corners;
+uniform sampler2D still0, still1, still2, still3;
+uniform sampler2DArray vertexColors;
+uniform int nSingle, nExit;
+out vec4 color;
+${tone}
+${cube}
+${harmonics}
+${reflection}
+uvec3 v;
+vec3 weights;
+vec3 of(uint vertex, int layer) {
+  int i = int(vertex);
+  return texelFetch(vertexColors, ivec3(i % VERTEX_WIDTH, i / VERTEX_WIDTH, layer), 0).rgb;
+}
+vec3 part(int layer) {
+  return weights.x * of(v.x, layer) + weights.y * of(v.y, layer) + weights.z * of(v.z, layer);
+}
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  uvec4 seen = texelFetch(corners, at, 0);
+  if (seen.x == seen.y) discard; // beside the model
+  v = seen.xyz;
+  weights.xy = unpackUnorm2x16(seen.w);
+  weights.z = 1.0 - weights.x - weights.y;
+  vec4 through = texelFetch(still0, at, 0), mirror = texelFetch(still1, at, 0);
+  vec4 rest = texelFetch(still2, at, 0);
+  vec3 multiple = part(0), single = vec3(0.0);
+  if (nSingle > 0) single = part(1);
+  if (nSingle > 1 || nExit > 0) {
+    float y[16];
+    harmonics(texelFetch(still3, at, 0).xyz, y);
+    for (int k = 1; k < nSingle; k++) single += y[k] * part(1 + k);
+    for (int k = 0; k < nExit; k++) multiple += (k > 0 ? y[k] : 1.0) * part(1 + nSingle + k);
+  }
+  vec3 body = max(through.rgb * (multiple + through.a * single), vec3(0.0)) + rest.rgb;
+  if (mirror.a > 0.0) body += mirror.a * reflected(mirror.xyz, rest.a);
+  color = vec4(encoded(body), 1.0);
+}`;
+
+/** A part of the model with the material that draws it. */
+type Part = ThreeMesh<BufferGeometry, RawShaderMaterial>;
+
+// Triangles that share no vertex: each corner knows all three.
+function cornersGeometry({ positions, triangles }: Mesh): BufferGeometry {
+  const geometry = new BufferGeometry();
+  const at = new Float32Array(3 * triangles.length);
+  const own = new Uint32Array(3 * triangles.length);
+  triangles.forEach((v, i) => {
+    at.set(positions.subarray(3 * v, 3 * v + 3), 3 * i);
+    own.set(triangles.subarray(i - (i % 3), i - (i % 3) + 3), 3 * i);
+  });
+  geometry.setAttribute("position", new BufferAttribute(at, 3));
+  const triangle = new BufferAttribute(own, 3);
+  triangle.gpuType = IntType;
+  geometry.setAttribute("triangle", triangle);
+  return geometry;
+}
+
+/** The vertices of the corners that are seen (four words a pixel, three of them vertices), each
+ * once; the corners are then places among these. */
+export function seenVertices(corners: Uint32Array, nVertex: number): Uint32Array {
+  const place = new Uint32Array(nVertex); // 1 + place
+  const seen: number[] = [];
+  for (let i = 0; i < corners.length; i += 4) {
+    if (corners[i] === corners[i + 1]) continue;
+    for (let k = i; k < i + 3; k++) {
+      const v = corners[k] ?? 0;
+      corners[k] = (place[v] ||= seen.push(v)) - 1;
+    }
+  }
+  return Uint32Array.from(seen);
+}
+
+export class StillSurface {
+  /** The vertices that are seen, those whose colours lit() takes; null until begin() has ended. */
+  visible: Uint32Array | null = null;
+  private readonly nVertex: number;
+  private readonly scene = new Scene();
+  private readonly outline = new Scene(); // triangles with their corners
+  private readonly screen = new Scene();
+  private readonly geometry: BufferGeometry;
+  private readonly materials: RawShaderMaterial[] = [];
+  private readonly light: RawShaderMaterial;
+  private surface: WebGLRenderTarget | null = null;
+  private places: DataTexture | null = null; // corners among the visible vertices
+
+  /** shared: uniforms of the look and of the light. */
+  constructor(mesh: Mesh, parts: readonly Part[], shared: Record<string, IUniform>) {
+    this.nVertex = mesh.nVertex;
+    for (const { geometry, material } of parts) {
+      const still = new RawShaderMaterial({
+        glslVersion: GLSL3,
+        vertexShader: material.vertexShader,
+        fragmentShader: material.fragmentShader,
+        defines: { ...material.defines, STILL: 1 },
+        side: material.side,
+      });
+      still.uniforms = material.uniforms; // not copies
+      this.materials.push(still);
+      this.scene.add(drawn(geometry, still));
+    }
+    this.geometry = cornersGeometry(mesh);
+    const outline = new RawShaderMaterial({
+      glslVersion: GLSL3,
+      vertexShader: cornersVertex,
+      fragmentShader: cornersFragment,
+    });
+    const [first] = parts;
+    if (first) outline.side = first.material.side;
+    this.outline.add(drawn(this.geometry, outline));
+    this.light = new RawShaderMaterial({
+      glslVersion: GLSL3,
+      vertexShader: screenVertex,
+      fragmentShader: litFragment,
+      defines: { VERTEX_WIDTH },
+      depthFunc: AlwaysDepth, // what follows is drawn behind it
+      uniforms: {
+        ...shared,
+        ...Object.fromEntries(
+          ["corners", "still0", "still1", "still2", "still3"].map((name) => [
+            name,
+            { value: null },
+          ]),
+        ),
+        vertexColors: { value: null },
+        nSingle: { value: 0 },
+        nExit: { value: 0 },
+      },
+    });
+    this.materials.push(outline, this.light);
+    this.screen.add(screenTriangle(this.light));
+  }
+
+  /** Draws what this eye sees, and finds the visible vertices. */
+  async begin(
+    renderer: WebGLRenderer,
+    camera: Camera,
+    width: number,
+    height: number,
+  ): Promise<void> {
+    this.forget();
+    const surface = (this.surface = new WebGLRenderTarget(width, height, {
+      count: 4,
+      type: HalfFloatType,
+      format: RGBAFormat,
+      colorSpace: LinearSRGBColorSpace,
+      minFilter: NearestFilter,
+      magFilter: NearestFilter,
+    }));
+    const corners = new WebGLRenderTarget(width, height, {
+      type: UnsignedIntType,
+      format: RGBAIntegerFormat,
+      internalFormat: "RGBA32UI",
+      minFilter: NearestFilter,
+      magFilter: NearestFilter,
+    });
+    renderer.setClearColor(0, 0);
+    for (const [target, scene] of [
+      [surface, this.scene],
+      [corners, this.outline],
+    ] as const) {
+      renderer.setRenderTarget(target);
+      renderer.clear();
+      renderer.render(scene, camera);
+    }
+    renderer.setRenderTarget(null);
+    renderer.setClearColor(0, 1);
+    const words = new Uint32Array(4 * width * height);
+    await renderer.readRenderTargetPixelsAsync(corners, 0, 0, width, height, words);
+    corners.dispose();
+    if (this.surface !== surface) return; // disposed of, or begun again
+    const visible = seenVertices(words, this.nVertex);
+    const places = new DataTexture(words, width, height, RGBAIntegerFormat, UnsignedIntType);
+    places.internalFormat = "RGBA32UI";
+    places.minFilter = places.magFilter = NearestFilter;
+    places.needsUpdate = true;
+    this.places = places;
+    const u = this.light.uniforms;
+    if (u.corners) u.corners.value = places;
+    surface.textures.forEach((texture, i) => {
+      const still = u[`still${i}`];
+      if (still) still.value = texture;
+    });
+    this.visible = visible;
+  }
+
+  /** Draws the surface into the target that is set, with these colours of the visible vertices. */
+  draw(renderer: WebGLRenderer, { texture, layers, exits }: VertexTexture): void {
+    const { vertexColors, nSingle, nExit } = this.light.uniforms;
+    if (vertexColors) vertexColors.value = texture;
+    if (nSingle) nSingle.value = layers - 1 - exits;
+    if (nExit) nExit.value = exits;
+    renderer.render(this.screen, new Camera());
+  }
+
+  private forget(): void {
+    this.surface?.dispose();
+    this.places?.dispose();
+    this.surface = this.places = this.visible = null;
+  }
+
+  dispose(): void {
+    this.forget();
+    this.geometry.dispose();
+    for (const material of this.materials) material.dispose();
+  }
+}
+
+function drawn(geometry: BufferGeometry, material: RawShaderMaterial): ThreeMesh {
+  const mesh = new ThreeMesh(geometry, material);
+  mesh.frustumCulled = false;
+  return mesh;
+}
