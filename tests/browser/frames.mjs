@@ -98,6 +98,7 @@ try {
   const frames = await turnUntil(
     page,
     () => performance.now() - startMs > 1000 * Number(seconds),
+    1000,
   );
   const took = (performance.now() - startMs) / 1000;
   const canvas = await page.evaluate(() => {

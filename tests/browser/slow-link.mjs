@@ -91,8 +91,8 @@ const moveByItself = (page) =>
   });
 
 /** Turns the light by a drag until `enough` holds of the frames, which are returned; for two minutes
- * at most. noteFrames() comes first. */
-export async function turnUntil(page, enough) {
+ * at most. It is asked every everyMs: the question takes the page's time. noteFrames() comes first. */
+export async function turnUntil(page, enough, everyMs = 50) {
   const seen = await page.evaluate(() => globalThis.frames.length);
   await page.keyboard.down("Shift");
   await page.mouse.move(150, 150);
@@ -101,7 +101,7 @@ export async function turnUntil(page, enough) {
   const end = Date.now() + 120_000;
   let frames = [];
   while (Date.now() < end && !enough(frames)) {
-    await page.waitForTimeout(50);
+    await page.waitForTimeout(everyMs);
     frames = await page.evaluate((n) => globalThis.frames.slice(n), seen);
   }
   await page.evaluate(() => clearInterval(globalThis.hand));

@@ -362,13 +362,24 @@ void main() {
 #endif
 }`;
 
+/** PLAIN: of one colour, which is encoded at the corners. A software GPU computes both sides of a branch, so
+ * that what is known beforehand is a define. */
 export const backgroundVertex = /* glsl */ `
 precision highp float;
+precision highp int;
 in vec3 position;
+uniform vec3 plain;
 uniform mat4 unproject; // from clip space to world directions
 out vec3 direction;
+#ifdef PLAIN
+${tone}
+#endif
 void main() {
+#ifdef PLAIN
+  direction = encoded(plain);
+#else
   direction = (unproject * vec4(position.xy, 1.0, 1.0)).xyz;
+#endif
   gl_Position = vec4(position.xy, 1.0, 1.0);
 }`;
 
@@ -376,19 +387,19 @@ export const backgroundFragment = /* glsl */ `
 precision highp float;
 precision highp int;
 precision highp sampler2DArray;
+in vec3 direction;
+out vec4 color;
+#ifdef PLAIN
+void main() { color = vec4(direction, 1.0); }
+#else
 uniform sampler2DArray sky;
 uniform float side;
 uniform mat3 turn;      // world to environment
-uniform vec3 gain, plain;
-uniform bool isPlain;
-in vec3 direction;
-out vec4 color;
+uniform vec3 gain;
 ${tone}
 ${cube}
-void main() {
-  vec3 radiance = isPlain ? plain : gain * fromCube(sky, turn * direction, side, 0.0);
-  color = vec4(encoded(radiance), 1.0);
-}`;
+void main() { color = vec4(encoded(gain * fromCube(sky, turn * direction, side, 0.0)), 1.0); }
+#endif`;
 
 /** One texel a vertex: Σ_r U[v][r] b[r] (PROTOCOL, FACTORS). */
 export const factorVertex = /* glsl */ `

@@ -188,6 +188,7 @@ export class Stage {
     this.sky = new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: backgroundVertex,
+      defines: { PLAIN: 1 },
       fragmentShader: backgroundFragment,
       depthWrite: false,
       uniforms: {
@@ -199,7 +200,6 @@ export class Stage {
         turn: { value: new Matrix3() },
         gain: { value: new Vector3(1, 1, 1) },
         plain: { value: new Vector3(0.018, 0.019, 0.022) },
-        isPlain: { value: true },
       },
     });
     this.backdrop.add(screenTriangle(this.sky));
@@ -408,7 +408,7 @@ export class Stage {
     this.value("curve", look.tone);
     const u = this.sky.uniforms;
     this.wantsPlain = look.plain !== null;
-    if (u.isPlain) u.isPlain.value = this.wantsPlain || !this.skyCube;
+    this.useSky();
     if (u.plain && look.plain) (u.plain.value as Vector3).set(...look.plain);
     this.redraw();
   }
@@ -431,6 +431,13 @@ export class Stage {
     this.redraw();
   }
 
+  private useSky(): void {
+    const plain = this.wantsPlain || !this.skyCube;
+    if (plain === "PLAIN" in (this.sky.defines ?? {})) return;
+    this.sky.defines = plain ? { PLAIN: 1 } : {};
+    this.sky.needsUpdate = true;
+  }
+
   private setSky(lamp: Lamp): void {
     const u = this.sky.uniforms;
     if (lamp.cube !== this.skyCube && u.sky && u.side) {
@@ -440,7 +447,7 @@ export class Stage {
       u.sky.value = texture;
       u.side.value = lamp.cube.n;
       this.skyCube = lamp.cube;
-      if (u.isPlain) u.isPlain.value = this.wantsPlain;
+      this.useSky();
     }
     if (u.turn) (u.turn.value as Matrix3).fromArray(turnOf(lamp));
     if (u.gain) (u.gain.value as Vector3).set(...lamp.gain);

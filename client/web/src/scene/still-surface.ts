@@ -61,7 +61,6 @@ precision highp sampler2DArray;
 uniform highp usampler2D corners;
 uniform sampler2D still0, still1, still2, still3;
 uniform sampler2DArray vertexColors;
-uniform int nSingle, nExit;
 out vec4 color;
 ${tone}
 ${cube}
@@ -86,13 +85,15 @@ void main() {
   vec4 through = texelFetch(still0, at, 0), mirror = texelFetch(still1, at, 0);
   vec4 rest = texelFetch(still2, at, 0);
   vec3 multiple = part(0), single = vec3(0.0);
-  if (nSingle > 0) single = part(1);
-  if (nSingle > 1 || nExit > 0) {
-    float y[16];
-    harmonics(texelFetch(still3, at, 0).xyz, y);
-    for (int k = 1; k < nSingle; k++) single += y[k] * part(1 + k);
-    for (int k = 0; k < nExit; k++) multiple += (k > 0 ? y[k] : 1.0) * part(1 + nSingle + k);
-  }
+#if N_SINGLE > 0
+  single = part(1);
+#endif
+#if N_SINGLE > 1 || N_EXIT > 0
+  float y[16];
+  harmonics(texelFetch(still3, at, 0).xyz, y);
+  for (int k = 1; k < N_SINGLE; k++) single += y[k] * part(1 + k);
+  for (int k = 0; k < N_EXIT; k++) multiple += (k > 0 ? y[k] : 1.0) * part(1 + N_SINGLE + k);
+#endif
   vec3 body = max(through.rgb * (multiple + through.a * single), vec3(0.0)) + rest.rgb;
   if (mirror.a > 0.0) body += mirror.a * reflected(mirror.xyz, rest.a);
   color = vec4(encoded(body), 1.0);
@@ -173,7 +174,7 @@ export class StillSurface {
       glslVersion: GLSL3,
       vertexShader: screenVertex,
       fragmentShader: litFragment,
-      defines: { VERTEX_WIDTH },
+      defines: { VERTEX_WIDTH, N_SINGLE: 0, N_EXIT: 0 },
       depthFunc: AlwaysDepth, // what follows is drawn behind it
       uniforms: {
         ...shared,
@@ -184,8 +185,6 @@ export class StillSurface {
           ]),
         ),
         vertexColors: { value: null },
-        nSingle: { value: 0 },
-        nExit: { value: 0 },
       },
     });
     this.materials.push(outline, this.light);
@@ -247,10 +246,14 @@ export class StillSurface {
 
   /** Draws the surface into the target that is set, with these colours of the visible vertices. */
   draw(renderer: WebGLRenderer, { texture, layers, exits }: VertexTexture): void {
-    const { vertexColors, nSingle, nExit } = this.light.uniforms;
+    const { vertexColors } = this.light.uniforms;
+    const defines = this.light.defines as Record<string, number>;
+    const nSingle = layers - 1 - exits;
     if (vertexColors) vertexColors.value = texture;
-    if (nSingle) nSingle.value = layers - 1 - exits;
-    if (nExit) nExit.value = exits;
+    if (defines.N_SINGLE !== nSingle || defines.N_EXIT !== exits) {
+      Object.assign(defines, { N_SINGLE: nSingle, N_EXIT: exits });
+      this.light.needsUpdate = true;
+    }
     renderer.render(this.screen, new Camera());
   }
 
