@@ -205,6 +205,10 @@ void env_prefetch(struct server *server, const char *hash);
 /* The decoded environment "env:HASH" (or a constant one); value is struct decoded_env. NULL
  * with code and error when it was never uploaded. */
 struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
+/* The texels of a light that has its own, as an environment (struct decoded_env) that keeps
+ * what turning it needs. */
+struct cache_entry *env_of_texels(struct server *server, const struct render_spec *spec,
+                                  const struct render_light *light);
 /* Verifies the upload's hash, then calls `decode` (decoder_env, decoder_image), which calls fn
  * with the entry; where the upload is gone or damaged, fails and releases the entry. Errors
  * name the upload by the first digits of its hash: principals share the entry, not their file

@@ -16,6 +16,7 @@
 enum {
     HYBRID_SAMPLES = 900, // engine hybrid's own default
     SPECULAR_CUBE = 32,   // side of the cube that prt_specular_create() filters
+    TURNED_CUBE = 64,     // larger inline cubes are resampled at each turn
     VALUES_KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 300,
 };
 
@@ -225,12 +226,21 @@ static void step_media(struct render *r)
     if (entry) depend(r, &r->media, entry);
 }
 
+// Texels that a hand turns: with each of its states only the angle changes. Larger cubes are
+// for the background, and by quarters a cube is turned without resampling.
+static bool is_turned_cube(const struct render_light *light)
+{
+    return light->cube_n && light->cube_n <= TURNED_CUBE && fmod(light->rotate_deg, 90) != 0;
+}
+
 static int depend_on_images(struct render *r, char error[300])
 {
     int code = 0;
     for (unsigned i = 0; !code && i < r->spec.n_light; i++) {
-        if (!r->spec.light[i].env[0]) continue;
-        struct cache_entry *entry = env_get(r->server, r->spec.light[i].env, &code, error);
+        const struct render_light *light = &r->spec.light[i];
+        struct cache_entry *entry = NULL;
+        if (light->env[0]) entry = env_get(r->server, light->env, &code, error);
+        else if (is_turned_cube(light)) entry = env_of_texels(r->server, &r->spec, light);
         if (entry) depend(r, &r->env[i], entry);
     }
     for (int k = 0; !code && r->screen && k < 3; k++) {

@@ -3,6 +3,7 @@
 #include "render/render.h"
 
 #include "core/log.h"
+#include "render/shared/cache_compute.h"
 #include "prt/base.h"
 #include "net/request.h"
 
@@ -171,5 +172,65 @@ struct cache_entry *env_get(struct server *server, const char *env, int *code, c
     }
     cache_hold(entry); // for the decoder
     upload_decode(server, env + 4, entry, decoder_env, decoded);
+    return entry;
+}
+
+// ---- texels of a request that are turned
+
+struct texels_job {
+    struct cache_job job;
+    struct held_bytes *held;
+    struct prt_cube texels; // in held
+};
+
+static void destroy_texels(void *value)
+{
+    struct decoded_env *d = value;
+    prt_cube_finish(&d->env.cube);
+    decoded_env_destroy(d);
+}
+
+static int copy_texels(struct cache_job *job, const struct prt_context *ctx)
+{
+    (void)ctx;
+    const struct prt_cube *from = &((struct texels_job *)job)->texels;
+    const size_t bytes = (size_t)72 * from->n * from->n;
+    struct decoded_env *d = job->value = calloc(1, sizeof *d);
+    if (!d) return PRT_NOMEM;
+    d->env.kind = PRT_ENV_CUBE;
+    int status = prt_cube_init(&d->env.cube, from->n);
+    if (!status) memcpy(d->env.cube.texel, from->texel, bytes);
+    if (!status) status = prt_env_cache_create(&d->env);
+    d->cache_bytes =
+        PRT_ENV_TURNED_BYTES(32) + PRT_ENV_TURNED_BYTES(16) + (size_t)384 * from->n * from->n;
+    job->bytes = sizeof *d + bytes + d->cache_bytes;
+    return status;
+}
+
+static void texels_copied(struct cache_job *job)
+{
+    held_bytes_release(((struct texels_job *)job)->held);
+}
+
+struct cache_entry *env_of_texels(struct server *server, const struct render_spec *spec,
+                                  const struct render_light *light)
+{
+    static const struct cache_job_kind kind = {.size = sizeof(struct texels_job),
+                                               .run = copy_texels,
+                                               .destroy = destroy_texels,
+                                               .done = texels_copied};
+    struct cache_job *job;
+    const int source = (int)strcspn(light->key, "@");
+    char key[sizeof light->key + 8];
+    snprintf(key, sizeof key, "env/%.*s", source, light->key);
+    struct cache_entry *entry = cache_compute(server, key, &kind, &job);
+    if (!job) return entry;
+    struct texels_job *t = (struct texels_job *)job;
+    t->held = spec->texels;
+    held_bytes_hold(t->held);
+    // copy_texels() reads them only; struct prt_cube has no const texels.
+    t->texels =
+        (struct prt_cube){light->cube_n, (float *)(uintptr_t)render_texels(spec, light)};
+    cache_job_submit(job);
     return entry;
 }

@@ -105,7 +105,7 @@ static void set_summand(struct light_job *l, unsigned i, const struct render_spe
     struct summand *s = &l->part[i];
     s->rotate_deg = turned ? light->rotate_deg : 0;
     memcpy(s->gain, light->gain, sizeof s->gain);
-    if (light->cube_n) {
+    if (light->cube_n && !env) {
         // run() reads the texels only; struct prt_cube has no const texels.
         s->texels =
             (struct prt_cube){light->cube_n, (float *)(uintptr_t)render_texels(spec, light)};
