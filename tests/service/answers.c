@@ -407,6 +407,57 @@ static void test_turns_are_charged(void **state)
     end_client(client);
 }
 
+static double relative_difference(const float *a, const float *b, size_t n)
+{
+    double off = 0, power = 0;
+    for (size_t i = 0; i < n; i++) {
+        off += ((double)a[i] - b[i]) * ((double)a[i] - b[i]);
+        power += (double)b[i] * b[i];
+    }
+    return sqrt(off / power);
+}
+
+// Texels that are turned are kept as an environment with what its turns need, once for all
+// turns; by a turn that is nearly a quarter they light as by a quarter, which resamples
+// nothing.
+static void test_turned_texels_are_kept(void **state)
+{
+    enum { N = 16, TURNS = 4 };
+    static const float degrees[TURNS] = {0, 90, 90.01f, 90.02f};
+    static float texel[6 * N * N * 3];
+    struct relight_client *client = begin_client(NULL);
+    struct relight_error error;
+    char model[ID_SIZE];
+    struct relight_load load = small_bake(0, 100);
+    bake_octahedron(client, &d, "texels.obj", &load, model);
+    for (size_t i = 0; i < 6 * N * N; i++)
+        for (size_t c = 0; c < 3; c++)
+            texel[3 * i + c] = i / (N * N) == 4 ? 3 : 0.2f; // a bright face
+    double kept[TURNS];
+    float values[TURNS][3 * OCTAHEDRON_VERTICES];
+    for (int i = 0; i < TURNS; i++) {
+        struct relight_light light = {.cube = texel, .cube_n = N, .rotate_deg = degrees[i]};
+        struct relight_colors_request r = {
+            .model = model, .n_light = 1, .lights = &light, .format = RELIGHT_COLOR_F32};
+        struct relight_colors colors;
+        OK(relight_colors(client, &r, &colors, &error));
+        memcpy(values[i], colors.data, sizeof values[i]);
+        relight_colors_finish(&colors);
+        kept[i] = metric(client, "relightd_cache_bytes");
+    }
+    const double off = relative_difference(values[2], values[1], 3 * OCTAHEDRON_VERTICES);
+    print_message("cache: %g bytes, turned %g, %g and %g; 90.01 degrees from 90: %.4f\n",
+                  kept[0], kept[1], kept[2], kept[3], off);
+    assert_true(kept[1] - kept[0] < (double)PRT_ENV_TURNED_BYTES(16)); // nothing but a cube
+    assert_true(kept[2] - kept[1] >=
+                (double)(PRT_ENV_TURNED_BYTES(32) + PRT_ENV_TURNED_BYTES(16) + 384 * N * N));
+    assert_true(kept[3] - kept[2] < (double)PRT_ENV_TURNED_BYTES(16));
+    assert_true(relative_difference(values[1], values[0], 3 * OCTAHEDRON_VERTICES) >
+                0.1); // it did turn
+    assert_true(off < 0.01);
+    end_client(client);
+}
+
 // The workers' memory for colours that are encoded counts while a pass runs, and not longer.
 static void test_scratch_is_given_back(void **state)
 {
@@ -476,6 +527,7 @@ int main(void)
         cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
         cmocka_unit_test_teardown(test_passes_within_the_cache, teardown),
         cmocka_unit_test_teardown(test_turns_are_charged, teardown),
+        cmocka_unit_test_teardown(test_turned_texels_are_kept, teardown),
         cmocka_unit_test_teardown(test_scratch_is_given_back, teardown),
         cmocka_unit_test_teardown(test_reflections_are_charged, teardown),
     };
