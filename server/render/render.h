@@ -206,7 +206,8 @@ void env_prefetch(struct server *server, const char *hash);
  * with code and error when it was never uploaded. */
 struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
 /* The texels of a light that has its own, as an environment (struct decoded_env) that keeps
- * what turning it needs. */
+ * what turning it needs. NULL at their first angle: texels that are turned once are not kept.
+ */
 struct cache_entry *env_of_texels(struct server *server, const struct render_spec *spec,
                                   const struct render_light *light);
 /* Verifies the upload's hash, then calls `decode` (decoder_env, decoder_image), which calls fn

@@ -138,6 +138,32 @@ export function streamScenarios({
       }
     },
 
+    async "a surface that rests is kept as soon as the light is turned"(home) {
+      const page = await open(`${home}/#model=marble.prt&light=page:window@40,0`);
+      await mode(page, "mesh");
+      await coefficients(page);
+      await settled(page);
+      await page.evaluate(() => {
+        const { stage } = globalThis.relightViewer;
+        const drawStill = stage.drawStill.bind(stage);
+        Object.assign(stage.quality, { moving: 2, drawn: () => undefined }); // a slow GPU
+        globalThis.stills = 0;
+        stage.drawStill = (...of) => {
+          globalThis.stills++;
+          drawStill(...of);
+        };
+      });
+      await noteFrames(page);
+      const seen = await turnUntil(page, (frames) => frames.length > 40);
+      const stills = await page.evaluate(() => globalThis.stills);
+      console.log(`  ${stills} of ${seen.length} frames`);
+      assert.ok(stills > 20);
+      await settled(page);
+      const { rmse } = await againstDaemon(page);
+      assert.ok(rmse < 0.02, `relative RMSE ${rmse}`);
+      await page.context().close();
+    },
+
     // A closed surface is drawn from outside only, unless the eye may be in it: in a room of opaque walls.
     async "walls about the eye are drawn from inside"(home) {
       const page = await open(`${home}/#model=marble.prt&light=page:window@40,0`);

@@ -52,7 +52,9 @@ describe("FrameQuality", () => {
     expect(q.leastLevel).toBe(2);
     q.drawn(2, 70, false, 500);
     expect(q.leastLevel).toBe(2);
-    q.drawn(2, 50, false, 570);
+    for (let i = 0; i < 9; i++) q.drawn(2, 50, false, 570 + 50 * i);
+    expect(q.leastLevel).toBe(2);
+    q.drawn(2, 50, false, 1020);
     expect([q.moving, q.leastLevel]).toEqual([2, 1]);
   });
   it("learns nothing from a picture that rests", () => {

@@ -212,6 +212,28 @@ static void texels_copied(struct cache_job *job)
     held_bytes_release(((struct texels_job *)job)->held);
 }
 
+// Whether the same texels were turned before, by another angle: the cache remembers the first
+// one.
+static bool turned_before(struct server *server, const char *source, double rotate_deg)
+{
+    enum { COUNTED = 400 }; // bytes of an entry that has a number
+    char key[sizeof(((struct render_light *)0)->key) + 8];
+    bool fresh;
+    snprintf(key, sizeof key, "turn/%s", source);
+    struct cache_entry *entry = cache_get(server->cache, key, &fresh);
+    double *angle = fresh ? malloc(sizeof *angle) : NULL;
+    if (angle) {
+        *angle = rotate_deg;
+        cache_fill(entry, angle, COUNTED, free);
+    } else if (fresh) {
+        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+    }
+    const bool before =
+        !fresh && entry->state == CACHE_READY && *(double *)entry->value != rotate_deg;
+    cache_release(entry);
+    return before;
+}
+
 struct cache_entry *env_of_texels(struct server *server, const struct render_spec *spec,
                                   const struct render_light *light)
 {
@@ -220,10 +242,12 @@ struct cache_entry *env_of_texels(struct server *server, const struct render_spe
                                                .destroy = destroy_texels,
                                                .done = texels_copied};
     struct cache_job *job;
-    const int source = (int)strcspn(light->key, "@");
-    char key[sizeof light->key + 8];
-    snprintf(key, sizeof key, "env/%.*s", source, light->key);
-    struct cache_entry *entry = cache_compute(server, key, &kind, &job);
+    char source[sizeof light->key], key[sizeof light->key + 8];
+    snprintf(source, sizeof source, "%.*s", (int)strcspn(light->key, "@"), light->key);
+    snprintf(key, sizeof key, "env/%s", source);
+    struct cache_entry *entry = cache_find(server->cache, key);
+    if (entry || !turned_before(server, source, light->rotate_deg)) return entry;
+    entry = cache_compute(server, key, &kind, &job);
     if (!job) return entry;
     struct texels_job *t = (struct texels_job *)job;
     t->held = spec->texels;

@@ -44,6 +44,8 @@ interface Tensor {
   factors: DataTexture;
   clusters: Uint32Array;
   order: Uint32Array;
+  /** placesOf() by the most rows of a cluster. */
+  places: Map<number, Uint32Array>;
 }
 /** Vertices whose values are wanted, with what finds and holds them. */
 interface Selection {
@@ -155,7 +157,7 @@ export class Factors {
     this.tensors = answer.tensors.map((tensor) => {
       const clusters = words(payload, Number(tensor.clustersOffset), 2 * tensor.nCluster);
       const order = words(payload, Number(tensor.orderOffset), n);
-      const { texels } = placesOf(clusters, order, n);
+      const { places, texels } = placesOf(clusters, order, n);
       if (texels * 4 !== Number(tensor.uBytes))
         throw new Error("the clusters of FACTORS contradict its size");
       const u = shorts(payload, Number(tensor.uOffset), 2 * texels);
@@ -165,6 +167,7 @@ export class Factors {
         factors: texture(u, FACTOR_WIDTH, RGIntegerFormat, ShortType, "RG16I", 2),
         clusters: clusters.slice(), // the payload is free to go
         order: order.slice(),
+        places: new Map([[0, places]]),
       };
     });
     this.material = new RawShaderMaterial({
@@ -258,13 +261,16 @@ export class Factors {
   private placesFor(
     selection: Selection,
     index: number,
-    { clusters, order }: Tensor,
+    tensor: Tensor,
     mostRank: number,
   ): DataTexture {
     const key = `${index} ${mostRank}`;
     const old = selection.places.get(key);
     if (old) return old;
-    const { places } = placesOf(clusters, order, this.nVertex, mostRank);
+    const { clusters, order } = tensor;
+    const places =
+      tensor.places.get(mostRank) ?? placesOf(clusters, order, this.nVertex, mostRank).places;
+    tensor.places.set(mostRank, places);
     const { vertices } = selection;
     const made = placesTexture(vertices ? rowsAt(places, 4, vertices) : places);
     selection.places.set(key, made);

@@ -14,14 +14,16 @@ const LAST_RETRY_MS = 60_000;
 
 /** Half resolution is not enough where its frames take so long. */
 const STILL_SLOW_MS = 90;
-/** It is enough again, with some more coefficients, where they take no longer. */
+/** It is enough again, with some more coefficients, where so many in a row take no longer. */
 const FAST_AGAIN_MS = 60;
+const MANY_FAST = 10;
 
 export class FrameQuality {
   /** Of frames of something that moves. */
   moving: Quality = 0;
   /** Of LEVELS (pace.ts), the least that moving frames are to have: fewer coefficients are less work. */
   leastLevel = 0;
+  private nFast = 0;
   private retryMs = FIRST_RETRY_MS;
   private retryAtMs = 0;
 
@@ -32,7 +34,8 @@ export class FrameQuality {
     if (quality < 2) this.leastLevel = 0;
     else if (tookMs > SLOW_MS) this.leastLevel = Math.max(this.leastLevel, 1);
     if (quality === 2 && tookMs > STILL_SLOW_MS) this.leastLevel = 2;
-    else if (tookMs < FAST_AGAIN_MS) this.leastLevel = Math.min(this.leastLevel, 1);
+    this.nFast = quality === 2 && tookMs < FAST_AGAIN_MS ? this.nFast + 1 : 0;
+    if (this.nFast >= MANY_FAST) this.leastLevel = Math.min(this.leastLevel, 1);
     if (tookMs > SLOW_MS && quality < 2) {
       this.moving = (quality + 1) as Quality;
       this.retryAtMs = nowMs + this.retryMs;

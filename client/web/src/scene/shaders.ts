@@ -160,6 +160,9 @@ ${colorInput}
 ${harmonics}
 #endif
 ${blockedInput}
+#ifdef STILL
+invariant gl_Position;
+#endif
 void main() {
   readBlocked();
   at = position;
@@ -347,7 +350,7 @@ void main() {
 #ifdef STILL
   still0 = vec4(through, slope);
   still1 = vec4(from, mirror);
-  still2 = vec4(look.emission, rough);
+  still2 = vec4(min(look.emission, vec3(65504.0)), rough);
   still3 = vec4(inside, 0.0);
 #else
   vec3 scattered = single;

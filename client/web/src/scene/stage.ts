@@ -79,8 +79,9 @@ const VARYINGS = 9;
 const MANY_VERTICES = 5000;
 /** Fewer are drawn as they are at any resolution. */
 const MANY_TRIANGLES = 20_000;
-/** Up to which what a resting eye sees is kept: it takes 72 bytes a triangle. */
+/** Up to which what a resting eye sees is kept: it takes 72 bytes a triangle and 52 a pixel. */
 const MOST_STILL_TRIANGLES = 1_000_000;
+const MOST_STILL_PIXELS = 2_500_000;
 const ONES: Vec3 = [1, 1, 1];
 /** Tone curve of the shader: none, linear radiance is kept. */
 const LINEAR = 3;
@@ -155,8 +156,11 @@ export class Stage {
   private made: { vertices: Uint32Array | null; texture: VertexTexture } | null = null;
   private surface = 0; // grows with all that changes what is seen, but the light
   private still: StillSurface | null = null; // what a resting eye sees of it, for frames that are not in full
-  private stillOf = ""; // the surface and the size
+  private stillOf = ""; // the surface and the size that it is of
+  private stillWanted = ""; // those that it was begun for last
   private lastSeen = ""; // those of the last frame
+  private noStill = false; // it failed here
+  private unmeasured = 0; // frames whose time says nothing about the GPU, from the one on its way on
 
   /** Throws where the browser has no WebGL 2. */
   constructor(canvas: HTMLCanvasElement) {
@@ -169,8 +173,9 @@ export class Stage {
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
     this.renderer.autoClear = false;
     canvas.addEventListener("webglcontextrestored", () => {
-      this.surface++; // what was computed on the GPU is lost
       this.made = null;
+      this.dropStill(); // what was computed on the GPU is lost
+      this.noStill = false;
     });
     this.shared = {
       exposure: { value: 1 },
@@ -238,6 +243,7 @@ export class Stage {
   private dropStill(): void {
     this.still?.dispose();
     this.still = null;
+    this.stillOf = this.stillWanted = "";
     this.surface++;
   }
 
@@ -476,7 +482,8 @@ export class Stage {
     if (within !== this.within) {
       this.within = within;
       for (const { material } of this.parts) material.side = this.side;
-      this.dropStill(); // its materials have the side, too
+      this.still?.setSide(this.side);
+      this.surface++;
     }
     this.value("eye", eye);
     this.far = distance;
@@ -512,7 +519,8 @@ export class Stage {
     gl.deleteSync(this.fence);
     this.fence = null;
     const nowMs = performance.now();
-    this.quality.drawn(this.last.quality, nowMs - this.last.atMs, this.ticks <= 1, nowMs);
+    if (this.unmeasured) this.unmeasured--;
+    else this.quality.drawn(this.last.quality, nowMs - this.last.atMs, this.ticks <= 1, nowMs);
     this.finished++;
     this.onDrawn?.();
     return true;
@@ -552,8 +560,7 @@ export class Stage {
     if (!this.quality.moving) return;
     const { width, height } =
       this.screen.target(this.quality.moving, this.canvas) ?? this.canvas;
-    const seen = `${this.surface} ${width} ${height}`;
-    if (seen !== this.stillOf) void this.makeStill(seen, width, height);
+    void this.makeStill(`${this.surface} ${width} ${height}`, width, height);
   }
 
   private draw(quality: Quality, nowMs: number): void {
@@ -634,21 +641,30 @@ export class Stage {
     const seen = `${this.surface} ${width} ${height}`;
     const rests = seen === this.lastSeen;
     this.lastSeen = seen;
-    if (seen === this.stillOf) return this.still?.visible ? this.still : null;
+    if (this.still?.visible && this.stillOf === seen) return this.still;
     if (rests) void this.makeStill(seen, width, height);
     return null;
   }
 
+  // Where it can't be loaded or read back, it is not tried again: frames are drawn as before.
   private async makeStill(seen: string, width: number, height: number): Promise<void> {
-    const { mesh, surface } = this;
-    if (!mesh || this.thickestMm || this.places || !this.made) return;
+    const { mesh } = this;
+    if (!mesh || !this.makeColors || this.thickestMm || this.places) return;
+    if (this.noStill || seen === this.stillWanted) return;
     if (mesh.triangles.length > 3 * MOST_STILL_TRIANGLES) return;
-    this.stillOf = seen;
-    const { StillSurface } = await import("./still-surface");
-    if (surface !== this.surface || this.stillOf !== seen) return;
-    this.still ??= new StillSurface(mesh, this.parts, this.shared);
-    // Where it can't be read back frames are drawn as before.
-    await this.still.begin(this.renderer, this.camera, width, height).catch(() => undefined);
+    if (width * height > MOST_STILL_PIXELS) return;
+    this.stillWanted = seen;
+    try {
+      const { StillSurface } = await import("./still-surface");
+      if (mesh !== this.mesh || this.stillWanted !== seen) return;
+      const still = (this.still ??= new StillSurface(mesh, this.parts, this.shared));
+      this.stillOf = seen;
+      this.unmeasured = 2; // they wait for this, too
+      await still.begin(this.renderer, this.camera, width, height);
+    } catch {
+      this.noStill = true;
+      this.dropStill();
+    }
   }
 
   private drawThickness(target: WebGLRenderTarget | null, mesh: Mesh): void {

@@ -8,6 +8,7 @@ import {
   BufferGeometry,
   Camera,
   DataTexture,
+  FrontSide,
   GLSL3,
   HalfFloatType,
   IntType,
@@ -21,6 +22,7 @@ import {
   UnsignedIntType,
   WebGLRenderTarget,
   type IUniform,
+  type Side,
   type WebGLRenderer,
 } from "three";
 import type { Mesh } from "./geometry";
@@ -36,6 +38,7 @@ in vec3 position;
 in uvec3 triangle; // its vertices, at each of the three corners
 flat out uvec3 corners;
 out vec2 weights;
+invariant gl_Position; // as in the pass of the surface: of two triangles at one depth both take the same
 void main() {
   int corner = gl_VertexID % 3;
   corners = triangle;
@@ -59,8 +62,8 @@ precision highp float;
 precision highp int;
 precision highp sampler2DArray;
 uniform highp usampler2D corners;
-uniform sampler2D still0, still1, still2, still3;
-uniform sampler2DArray vertexColors;
+uniform highp sampler2D still0, still1, still2, still3;
+uniform highp sampler2DArray vertexColors;
 out vec4 color;
 ${tone}
 ${cube}
@@ -102,17 +105,40 @@ void main() {
 /** A part of the model with the material that draws it. */
 type Part = ThreeMesh<BufferGeometry, RawShaderMaterial>;
 
-// Triangles that share no vertex: each corner knows all three.
-function cornersGeometry({ positions, triangles }: Mesh): BufferGeometry {
+/** Triangles that share no vertex, in the order of the index: each corner has its place, and knows all
+ * three vertices. A vertex at a seam is `source` of several. */
+export function apart(
+  index: ArrayLike<number>,
+  positions: ArrayLike<number>,
+  source: ArrayLike<number> | null,
+): { at: Float32Array; triangle: Uint32Array } {
+  const at = new Float32Array(3 * index.length);
+  const triangle = new Uint32Array(3 * index.length);
+  for (let i = 0; i < index.length; i++) {
+    const v = index[i] ?? 0;
+    const first = i - (i % 3);
+    for (let k = 0; k < 3; k++) {
+      const other = index[first + k] ?? 0;
+      at[3 * i + k] = positions[3 * v + k] ?? 0;
+      triangle[3 * i + k] = source?.[other] ?? other;
+    }
+  }
+  return { at, triangle };
+}
+
+let complete = false; // the targets can be drawn into: the question waits for the GPU, and is asked once
+// It is the same for all materials of a mesh.
+const corners = new WeakMap<Mesh, ReturnType<typeof apart>>();
+function cornersGeometry(mesh: Mesh, { index, attributes }: BufferGeometry): BufferGeometry {
+  const { position, source } = attributes;
+  let own = corners.get(mesh);
+  if (!own && index && position) {
+    own = apart(index.array, position.array, source?.array ?? null);
+    corners.set(mesh, own);
+  }
   const geometry = new BufferGeometry();
-  const at = new Float32Array(3 * triangles.length);
-  const own = new Uint32Array(3 * triangles.length);
-  triangles.forEach((v, i) => {
-    at.set(positions.subarray(3 * v, 3 * v + 3), 3 * i);
-    own.set(triangles.subarray(i - (i % 3), i - (i % 3) + 3), 3 * i);
-  });
-  geometry.setAttribute("position", new BufferAttribute(at, 3));
-  const triangle = new BufferAttribute(own, 3);
+  geometry.setAttribute("position", new BufferAttribute(own?.at ?? new Float32Array(0), 3));
+  const triangle = new BufferAttribute(own?.triangle ?? new Uint32Array(0), 3);
   triangle.gpuType = IntType;
   geometry.setAttribute("triangle", triangle);
   return geometry;
@@ -161,14 +187,14 @@ export class StillSurface {
       this.materials.push(still);
       this.scene.add(drawn(geometry, still));
     }
-    this.geometry = cornersGeometry(mesh);
+    const [first] = parts; // each has the attributes and the index of all
+    this.geometry = cornersGeometry(mesh, first?.geometry ?? new BufferGeometry());
     const outline = new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: cornersVertex,
       fragmentShader: cornersFragment,
+      side: first?.material.side ?? FrontSide,
     });
-    const [first] = parts;
-    if (first) outline.side = first.material.side;
     this.outline.add(drawn(this.geometry, outline));
     this.light = new RawShaderMaterial({
       glslVersion: GLSL3,
@@ -207,27 +233,25 @@ export class StillSurface {
       minFilter: NearestFilter,
       magFilter: NearestFilter,
     }));
-    const corners = new WebGLRenderTarget(width, height, {
+    const seen = new WebGLRenderTarget(width, height, {
       type: UnsignedIntType,
       format: RGBAIntegerFormat,
       internalFormat: "RGBA32UI",
       minFilter: NearestFilter,
       magFilter: NearestFilter,
     });
-    renderer.setClearColor(0, 0);
-    for (const [target, scene] of [
-      [surface, this.scene],
-      [corners, this.outline],
-    ] as const) {
-      renderer.setRenderTarget(target);
-      renderer.clear();
-      renderer.render(scene, camera);
-    }
-    renderer.setRenderTarget(null);
-    renderer.setClearColor(0, 1);
     const words = new Uint32Array(4 * width * height);
-    await renderer.readRenderTargetPixelsAsync(corners, 0, 0, width, height, words);
-    corners.dispose();
+    try {
+      this.drawOnce(renderer, surface, this.scene, camera);
+      this.drawOnce(renderer, seen, this.outline, camera);
+      await renderer.readRenderTargetPixelsAsync(seen, 0, 0, width, height, words);
+    } catch (error) {
+      if (this.surface === surface) this.forget();
+      throw error;
+    } finally {
+      seen.dispose();
+    }
+    complete = true;
     if (this.surface !== surface) return; // disposed of, or begun again
     const visible = seenVertices(words, this.nVertex);
     const places = new DataTexture(words, width, height, RGBAIntegerFormat, UnsignedIntType);
@@ -242,6 +266,33 @@ export class StillSurface {
       if (still) still.value = texture;
     });
     this.visible = visible;
+  }
+
+  // Throws where the browser can't draw into the target.
+  private drawOnce(
+    renderer: WebGLRenderer,
+    target: WebGLRenderTarget,
+    scene: Scene,
+    camera: Camera,
+  ): void {
+    const gl = renderer.getContext();
+    renderer.setRenderTarget(target);
+    const drawable =
+      complete || gl.checkFramebufferStatus(gl.FRAMEBUFFER) === gl.FRAMEBUFFER_COMPLETE;
+    if (drawable) {
+      renderer.setClearColor(0, 0);
+      renderer.clear();
+      renderer.render(scene, camera);
+    }
+    renderer.setRenderTarget(null);
+    renderer.setClearColor(0, 1);
+    if (!drawable) throw new Error("no target of this format");
+  }
+
+  /** Which faces of the surface are drawn, from now on. */
+  setSide(side: Side): void {
+    for (const material of this.materials) if (material !== this.light) material.side = side;
+    this.forget();
   }
 
   /** Draws the surface into the target that is set, with these colours of the visible vertices. */
