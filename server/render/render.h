@@ -205,6 +205,7 @@ void env_prefetch(struct server *server, const char *hash);
 /* The decoded environment "env:HASH" (or a constant one); value is struct decoded_env. NULL
  * with code and error when it was never uploaded. */
 struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
+enum { ENV_TURNED_CUBE = 64 }; /* larger cubes that come as texels are resampled at each turn */
 /* The texels of a light that has its own, as an environment (struct decoded_env) that keeps
  * what turning it needs. NULL at their first angle: texels that are turned once are not kept.
  */

@@ -16,7 +16,6 @@
 enum {
     HYBRID_SAMPLES = 900, // engine hybrid's own default
     SPECULAR_CUBE = 32,   // side of the cube that prt_specular_create() filters
-    TURNED_CUBE = 64,     // larger inline cubes are resampled at each turn
     VALUES_KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 300,
 };
 
@@ -230,7 +229,8 @@ static void step_media(struct render *r)
 // for the background, and by quarters a cube is turned without resampling.
 static bool is_turned_cube(const struct render_light *light)
 {
-    return light->cube_n && light->cube_n <= TURNED_CUBE && fmod(light->rotate_deg, 90) != 0;
+    return light->cube_n && light->cube_n <= ENV_TURNED_CUBE &&
+           fmod(light->rotate_deg, 90) != 0;
 }
 
 static int depend_on_images(struct render *r, char error[300])

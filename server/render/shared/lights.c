@@ -42,15 +42,25 @@ static void gain_cube(struct prt_cube *cube, const float gain[3], struct prt_cub
         }
 }
 
+// As those of env_of_texels() are turned: an answer does not depend on what was asked for
+// before.
+static int turned_texels(const struct prt_context *ctx, const struct light_job *l,
+                         const struct summand *s, struct prt_cube *out)
+{
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
+    int status = s->texels.n <= ENV_TURNED_CUBE ? prt_env_cache_create(&env) : PRT_OK;
+    if (!status) status = prt_env_turned(ctx, &env, l->cube_n, s->rotate_deg, out);
+    prt_env_cache_destroy(&env);
+    return status;
+}
+
 // A summand's own cube, without its gain.
 static int turned(const struct prt_context *ctx, const struct light_job *l,
                   const struct summand *s, struct prt_cube *out)
 {
-    const struct prt_env inline_env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
     const bool as_it_is = !s->env && s->texels.n == l->cube_n && s->rotate_deg == 0;
-    if (!as_it_is)
-        return prt_env_turned(ctx, s->env ? s->env : &inline_env, l->cube_n, s->rotate_deg,
-                              out);
+    if (s->env) return prt_env_turned(ctx, s->env, l->cube_n, s->rotate_deg, out);
+    if (!as_it_is) return turned_texels(ctx, l, s, out);
     int status = prt_cube_init(out, l->cube_n);
     if (!status) memcpy(out->texel, s->texels.texel, 72ull * l->cube_n * l->cube_n);
     return status;
