@@ -365,8 +365,8 @@ void main() {
 #endif
 }`;
 
-/** PLAIN: of one colour, which is encoded at the corners. A software GPU computes both sides of a branch, so
- * that what is known beforehand is a define. */
+/** With PLAIN the background has one colour, which the vertex shader encodes. It is a define and no
+ * branch: a software GPU computes both sides of a branch. */
 export const backgroundVertex = /* glsl */ `
 precision highp float;
 precision highp int;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The stage draws a mesh whose colours come from the daemon, the light's reflection, and the
 // background. It draws when something changed, and never has more than one frame on the way. Above
-// 600 lines: one class has the mesh, the light and the camera, and knows which of them changed.
+// 600 lines: one class decides what is drawn again when the mesh, the light or the camera changes.
 import type { Texture } from "three";
 import {
   BufferAttribute,
@@ -79,7 +79,7 @@ const VARYINGS = 9;
 const MANY_VERTICES = 5000;
 /** Fewer are drawn as they are at any resolution. */
 const MANY_TRIANGLES = 20_000;
-/** Up to which what a resting eye sees is kept: it takes 72 bytes a triangle and 52 a pixel. */
+/** Larger meshes and pictures get no StillSurface, which takes 72 bytes a triangle and 52 a pixel. */
 const MOST_STILL_TRIANGLES = 1_000_000;
 const MOST_STILL_PIXELS = 2_500_000;
 const ONES: Vec3 = [1, 1, 1];
@@ -154,8 +154,8 @@ export class Stage {
   private changedMs = 0;
   private makeColors: ((vertices: Uint32Array | null) => VertexTexture) | null = null;
   private made: { vertices: Uint32Array | null; texture: VertexTexture } | null = null;
-  private surface = 0; // grows with all that changes what is seen, but the light
-  private still: StillSurface | null = null; // what a resting eye sees of it, for frames that are not in full
+  private surface = 0; // counts the changes of mesh, maps, media and camera
+  private still: StillSurface | null = null; // for frames of less than full quality
   private stillOf = ""; // the surface and the size that it is of
   private stillWanted = ""; // those that it was begun for last
   private lastSeen = ""; // those of the last frame
@@ -174,7 +174,7 @@ export class Stage {
     this.renderer.autoClear = false;
     canvas.addEventListener("webglcontextrestored", () => {
       this.made = null;
-      this.dropStill(); // what was computed on the GPU is lost
+      this.dropStill(); // its textures are lost with the context
       this.noStill = false;
     });
     this.shared = {
@@ -617,7 +617,7 @@ export class Stage {
     renderer.setRenderTarget(null);
   }
 
-  // Behind what the target has.
+  // Fills the pixels that the model does not cover.
   private drawBackdrop(): void {
     this.renderer.render(this.backdrop, new Camera());
   }
@@ -634,7 +634,8 @@ export class Stage {
     renderer.setRenderTarget(null);
   }
 
-  // What the eye sees, if it is known. It is found when two frames have shown the same.
+  // The StillSurface of this mesh and camera; null: there is none yet. It is made when two frames in a
+  // row have the same mesh and camera.
   private stillFor(size: { width: number; height: number }): StillSurface | null {
     if (this.thickestMm || this.places) return null;
     const { width, height } = size;

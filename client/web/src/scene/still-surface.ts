@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What the eye sees of a surface while only the light changes (deferred shading): it is drawn once, with
-// all that does not depend on the light, and with the three vertices of each pixel's triangle. A
-// frame then costs no vertex, and colours are wanted only of the vertices that are seen.
+// Deferred shading while only the light changes. The surface is drawn once into textures that hold, for each
+// pixel, the three vertices of its triangle and all that does not depend on the light. A frame then
+// runs no vertex shader over the mesh, and needs the colours of the visible vertices alone.
 import {
   AlwaysDepth,
   BufferAttribute,
@@ -105,8 +105,8 @@ void main() {
 /** A part of the model with the material that draws it. */
 type Part = ThreeMesh<BufferGeometry, RawShaderMaterial>;
 
-/** Triangles that share no vertex, in the order of the index: each corner has its place, and knows all
- * three vertices. A vertex at a seam is `source` of several. */
+/** Triangles that share no vertex, in the order of the index: the position of each corner, and the three
+ * vertices of its triangle. source: the vertex of the file that a vertex at a seam is a copy of. */
 export function apart(
   index: ArrayLike<number>,
   positions: ArrayLike<number>,
@@ -126,7 +126,9 @@ export function apart(
   return { at, triangle };
 }
 
-let complete = false; // the targets can be drawn into: the question waits for the GPU, and is asked once
+// Whether both targets were drawn into once. Their status is asked for until then: the answer waits for
+// the GPU.
+let complete = false;
 // It is the same for all materials of a mesh.
 const corners = new WeakMap<Mesh, ReturnType<typeof apart>>();
 function cornersGeometry(mesh: Mesh, { index, attributes }: BufferGeometry): BufferGeometry {
@@ -160,7 +162,7 @@ export function seenVertices(corners: Uint32Array, nVertex: number): Uint32Array
 }
 
 export class StillSurface {
-  /** The vertices that are seen, those whose colours lit() takes; null until begin() has ended. */
+  /** The vertices that are seen, those whose colours draw() takes; null until begin() has ended. */
   visible: Uint32Array | null = null;
   private readonly nVertex: number;
   private readonly scene = new Scene();
