@@ -42,8 +42,7 @@ static void gain_cube(struct prt_cube *cube, const float gain[3], struct prt_cub
         }
 }
 
-// As those of env_of_texels() are turned: an answer does not depend on what was asked for
-// before.
+// Turns texels as env_of_texels() does: cached and uncached ones give the same answer.
 static int turned_texels(const struct prt_context *ctx, const struct light_job *l,
                          const struct summand *s, struct prt_cube *out)
 {
